@@ -199,23 +199,23 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     let sensors = setting.filter();
     let filter: AxleFilter = sensors.build().unwrap();
     // All modes have the same errors configured.
-    let told = setting.tier(Mode::Joint);
-    let lasting = Lasting::draw(&told.joint, setting.floor_drift(), &mut random);
+    let tier = setting.tier(Mode::Joint);
+    let lasting = Lasting::draw(&tier.joint, setting.floor_drift(), &mut random);
     let mut gyro_bias = lasting.gyro_bias;
     // Bend at which the tyres slide.
-    let friction = f64::from(told.joint.friction * told.joint.axle_mass_kg) * 9.81;
-    let sliding = HALF_TRACK * friction / f64::from(told.joint.frame_moment_n_m);
+    let friction = f64::from(tier.joint.friction * tier.joint.axle_mass_kg) * 9.81;
+    let sliding = HALF_TRACK * friction / f64::from(tier.joint.frame_moment_n_m);
 
     // The true start differs from the start of the filters by its uncertainty.
     let mut draw = |sigmas: [f32; 3]| sigmas.map(|s| f64::from(s) * random.normal());
     let start = draw(START_SIGMAS);
-    let bent = draw(told.frame_sigmas);
+    let bent = draw(tier.frame_sigmas);
     let link = [LENGTH + bent[0], bent[1], bent[2]];
     let rear = compose(start, relative([0.0; 3], midpoint(link, [0.0; 3])));
     let mut axles = [compose(rear, link), rear];
 
     let square = |x: f32| f64::from(x) * f64::from(x);
-    let (own, tier_slip) = (sensors.noise, told.slip);
+    let (own, tier_slip) = (sensors.noise, tier.slip);
     let per_m = [
         square(own.along_m_per_sqrt_m) + square(tier_slip.along_m_per_sqrt_m),
         square(own.across_m_per_sqrt_m) + square(tier_slip.across_m_per_sqrt_m),
@@ -228,7 +228,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     ];
     // A gyro measures the heading noise that the second tier adds.
     let unseen_share = if setting.gyro { 0.0 } else { 1.0 };
-    let bias_walk = f64::from(told.joint.gyro_bias_walk_rad_s_per_sqrt_s) * STEP_S.sqrt();
+    let bias_walk = f64::from(tier.joint.gyro_bias_walk_rad_s_per_sqrt_s) * STEP_S.sqrt();
 
     let at_rest = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
     let mut filters = [ekf::State::at_rest(&at_rest, [1e-3, 1e-3, 1e-2, 1e-2]); 2];
@@ -244,7 +244,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
             let sign = if axle == 0 { -1.0 } else { 1.0 };
             let load = bend / (1.0 - bend.abs() / sliding);
             let rolled = [-HALF_TRACK, HALF_TRACK].map(|arm| (ds + arm * dphi).abs());
-            let way = 0.5 * (rolled[0] + rolled[1]);
+            let distance = 0.5 * (rolled[0] + rolled[1]);
             let [left, right] =
                 [0, 1].map(|k| sign * lasting.compliance[axle][k] * load * rolled[k]);
             let lasting_turn =
@@ -271,7 +271,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
             ];
             axles[axle] = compose(axles[axle], moved);
             for k in 0..2 {
-                axles[axle][k] += lasting.floor[k] * way;
+                axles[axle][k] += lasting.floor[k] * distance;
             }
 
             let wheel = |side: f64, sigma: f32, random: &mut Random| {
@@ -305,12 +305,12 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         let link = relative(axles[0], axles[1]);
         let noise = BEAM.map(|s| s * random.normal());
         let added = lasting.of_beam(link[2]);
-        let seen = [0, 1, 2].map(|k| link[k] + noise[k] + added[k]);
+        let measured = [0, 1, 2].map(|k| link[k] + noise[k] + added[k]);
         let sigmas = BEAM.map(|s| s as f32);
         inputs.push(Inputs {
             front,
             rear,
-            beam: Some(Estimate::with_sigmas(posture(seen), sigmas)),
+            beam: Some(Estimate::with_sigmas(posture(measured), sigmas)),
         });
     }
     Drive {
@@ -336,7 +336,7 @@ fn nees(estimate: &Estimate, truth: Pose) -> f64 {
 }
 
 #[derive(Debug)]
-struct Honesty {
+struct ConsistencyResult {
     /// Mean NEES of front, rear and O at the end of the drives.
     nees: Pose,
     /// Mean NIS of the beam.
@@ -345,10 +345,10 @@ struct Honesty {
     rms: [f64; 2],
 }
 
-fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
+fn evaluate(setting: Setting, drives: &[Drive], mode: Mode) -> ConsistencyResult {
     let fusion = setting.tier(mode).build().unwrap();
     let n = drives.len() as f64;
-    let mut honesty = Honesty {
+    let mut result = ConsistencyResult {
         nees: [0.0; 3],
         nis: 0.0,
         rms: [0.0; 2],
@@ -361,26 +361,26 @@ fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
         let mut output = Output::default();
         for inputs in &drive.inputs {
             output = fusion.step(&mut state, inputs);
-            honesty.nis += f64::from(output.beam.nis) / (n * EPOCHS as f64);
+            result.nis += f64::from(output.beam.nis) / (n * EPOCHS as f64);
         }
         let truth = [drive.front, drive.rear, midpoint(drive.front, drive.rear)];
         let estimates = [output.front, output.rear, output.robot];
         for k in 0..3 {
-            honesty.nees[k] += nees(&estimates[k], truth[k]) / n;
+            result.nees[k] += nees(&estimates[k], truth[k]) / n;
         }
         let e = error(&output.robot, truth[2]);
-        honesty.rms[0] += (e[0] * e[0] + e[1] * e[1]) / n;
-        honesty.rms[1] += e[2] * e[2] / n;
+        result.rms[0] += (e[0] * e[0] + e[1] * e[1]) / n;
+        result.rms[1] += e[2] * e[2] / n;
     }
-    honesty.rms = honesty.rms.map(f64::sqrt);
-    honesty
+    result.rms = result.rms.map(f64::sqrt);
+    result
 }
 
 /// One world: its drives, and the result of each fusion mode, computed once.
 struct World {
     setting: Setting,
     drives: OnceLock<Vec<Drive>>,
-    tried: [OnceLock<Honesty>; 4],
+    results: [OnceLock<ConsistencyResult>; 4],
 }
 
 impl World {
@@ -388,18 +388,18 @@ impl World {
         Self {
             setting: Setting { lasting, gyro },
             drives: OnceLock::new(),
-            tried: [const { OnceLock::new() }; 4],
+            results: [const { OnceLock::new() }; 4],
         }
     }
 
-    fn try_on(&self, mode: Mode) -> &Honesty {
+    fn evaluate(&self, mode: Mode) -> &ConsistencyResult {
         let drives = || {
             (0..RUNS as u64)
                 .map(|run| drive(self.setting, run))
                 .collect()
         };
-        self.tried[mode as usize]
-            .get_or_init(|| try_on(self.setting, self.drives.get_or_init(drives), mode))
+        self.results[mode as usize]
+            .get_or_init(|| evaluate(self.setting, self.drives.get_or_init(drives), mode))
     }
 }
 
@@ -416,23 +416,23 @@ fn band() -> (f64, f64) {
     (3.0 - spread, 3.0 + spread)
 }
 
-fn assert_inside(honesty: &Honesty, bodies: usize) {
+fn assert_inside(result: &ConsistencyResult, bodies: usize) {
     let (low, high) = band();
-    for nees in &honesty.nees[..bodies] {
-        assert!(*nees > low && *nees < high, "{honesty:?}");
+    for nees in &result.nees[..bodies] {
+        assert!(*nees > low && *nees < high, "{result:?}");
     }
 }
 
-fn assert_not_above(honesty: &Honesty) {
+fn assert_not_above(result: &ConsistencyResult) {
     let (_, high) = band();
-    for nees in honesty.nees {
-        assert!(nees < high, "{honesty:?}");
+    for nees in result.nees {
+        assert!(nees < high, "{result:?}");
     }
 }
 
 #[test]
 fn joint_filter_is_consistent_under_random_errors() {
-    let joint = WHITE.try_on(Mode::Joint);
+    let joint = WHITE.evaluate(Mode::Joint);
     assert_inside(joint, 3);
     // An axle filter smooths over several epochs, so that its increments are slightly correlated.
     assert!((joint.nis - 3.0).abs() < 0.4, "{joint:?}");
@@ -440,19 +440,19 @@ fn joint_filter_is_consistent_under_random_errors() {
 
 #[test]
 fn joint_filter_is_consistent_under_lasting_errors() {
-    assert_inside(LASTING.try_on(Mode::Joint), 3);
+    assert_inside(LASTING.evaluate(Mode::Joint), 3);
 }
 
 #[test]
 fn joint_filter_is_consistent_with_gyros() {
-    assert_inside(INERTIAL.try_on(Mode::Joint), 3);
+    assert_inside(INERTIAL.evaluate(Mode::Joint), 3);
 }
 
 #[test]
 fn odometry_alone_is_consistent() {
     let (low, high) = band();
     for world in [&WHITE, &LASTING, &INERTIAL] {
-        let odometry = world.try_on(Mode::Odometry);
+        let odometry = world.evaluate(Mode::Odometry);
         // O is left out: its heading follows from both positions. The increments carry the variance of an axle filter
         // within 15 %.
         for nees in &odometry.nees[..2] {
@@ -464,15 +464,15 @@ fn odometry_alone_is_consistent() {
 #[test]
 fn intersection_is_never_overconfident() {
     for world in [&WHITE, &LASTING] {
-        assert_not_above(world.try_on(Mode::Intersection));
-        assert_not_above(world.try_on(Mode::IntersectionIpec));
+        assert_not_above(world.evaluate(Mode::Intersection));
+        assert_not_above(world.evaluate(Mode::IntersectionIpec));
     }
-    assert_not_above(INERTIAL.try_on(Mode::Intersection));
+    assert_not_above(INERTIAL.evaluate(Mode::Intersection));
 }
 
 #[test]
 fn each_further_stage_improves_the_robots_heading() {
-    let rms = |mode| WHITE.try_on(mode).rms;
+    let rms = |mode| WHITE.evaluate(mode).rms;
     let [odometry, intersection] = [Mode::Odometry, Mode::Intersection].map(rms);
     let [corrected, joint] = [Mode::IntersectionIpec, Mode::Joint].map(rms);
     assert!(intersection[1] < 0.8 * odometry[1]);
@@ -482,7 +482,7 @@ fn each_further_stage_improves_the_robots_heading() {
 
 #[test]
 fn gyros_improve_the_robots_heading() {
-    let [with, without] = [&INERTIAL, &LASTING].map(|world| world.try_on(Mode::Intersection));
+    let [with, without] = [&INERTIAL, &LASTING].map(|world| world.evaluate(Mode::Intersection));
     assert!(with.rms[1] < 0.8 * without.rms[1], "{with:?} {without:?}");
 }
 

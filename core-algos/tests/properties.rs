@@ -24,7 +24,7 @@ use core_algos::math::matrix::Mat3;
 use core_algos::math::{Posture, Wrench};
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::Task;
-use core_algos::node::robot::{RobotConfig, Told};
+use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, FrameId, Role, Topology, Wheels};
@@ -182,7 +182,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     for role in Topology::PAIR.boards() {
         let mut board = Board::new(&config, role).unwrap();
         if let Some(lead) = board.lead() {
-            lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
+            lead.initialize(&config.placement(Posture::ORIGIN, &ConfiguredPlacement::default()));
         }
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {

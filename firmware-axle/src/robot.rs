@@ -18,7 +18,7 @@ use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::node::board::Ready;
-use core_algos::node::robot::Told;
+use core_algos::node::robot::ConfiguredPlacement;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
 use core_algos::topology::{Role, Topology};
@@ -42,7 +42,7 @@ use encoders::Encoders;
 use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
-use tick::{Axle, AxleTick, Report};
+use tick::{Axle, AxleReport, AxleTick};
 use watchdog::TaskWatchdog;
 
 /// Runs the board. A controller of the user replaces the regulator.
@@ -75,7 +75,7 @@ fn start(
     controller: Option<&'static dyn KinematicController>,
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
-    static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static REPORTS: Watch<CriticalSectionRawMutex, AxleReport, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
@@ -152,7 +152,9 @@ fn start(
 /// Operator's button with the drive that it starts.
 fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
     let start = settings.button.start;
-    let start = settings.robot.put_down(start, &Told::default());
+    let start = settings
+        .robot
+        .placement(start, &ConfiguredPlacement::default());
     Button::new(pin, start, settings.button)
 }
 

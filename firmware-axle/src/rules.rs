@@ -229,11 +229,11 @@ mod tests {
             assert_eq!((last.on, last.torque_nm), (true, [0.3, -0.2]));
             last.limit_a
         };
-        let most = drive.max_current_a;
-        assert_eq!(limits(Some(25.0), 1), [most; 2]);
-        assert_eq!(limits(None, 1), [most / 2.0; 2]);
+        let max_a = drive.max_current_a;
+        assert_eq!(limits(Some(25.0), 1), [max_a; 2]);
+        assert_eq!(limits(None, 1), [max_a / 2.0; 2]);
         assert_eq!(limits(Some(drive.driver_max_c), 1), [0.0; 2]);
-        assert_eq!(limits(Some(25.0), 200), [most, 0.0]);
+        assert_eq!(limits(Some(25.0), 200), [max_a, 0.0]);
     }
 
     #[test]

@@ -32,7 +32,7 @@ use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
-use tick::{Beam, BeamTick, Report, Saving};
+use tick::{Beam, BeamReport, BeamTick, Saving};
 use watchdog::TaskWatchdog;
 
 /// Frame of the board: a robot of two axles has one.
@@ -51,7 +51,7 @@ async fn main(spawner: Spawner) {
 
 /// Builds and starts everything, or a session. The background is a task too, so that the stack of the start is freed.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
-    static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static REPORTS: Watch<CriticalSectionRawMutex, BeamReport, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
     static SAVING: Saving = Saving {

@@ -70,8 +70,8 @@ mod tests {
             let mut motors = Motors::default();
             assert!(motors.are_off(0));
             motors.receive(7_000, &message);
-            let seen = [7_000, 107_000, 107_001].map(|local| motors.are_off(local));
-            assert_eq!(seen, [!on, !on, true], "{message:?}");
+            let off = [7_000, 107_000, 107_001].map(|local| motors.are_off(local));
+            assert_eq!(off, [!on, !on, true], "{message:?}");
         }
     }
 }

@@ -49,12 +49,12 @@ fn hash(record: &Record) -> u64 {
 }
 
 /// Part of the text buffer as UTF-8.
-fn part(text: &[u8]) -> Result<&str, Error> {
+fn utf8(text: &[u8]) -> Result<&str, Error> {
     std::str::from_utf8(text).map_err(|error| Error::input(error.to_string()))
 }
 
 /// Stores the hashes or the error of a run, and gives the number of epochs.
-fn keep(run: impl FnOnce(&[u8], &mut Vec<u64>) -> Result<(), Error>) -> usize {
+fn store_result(run: impl FnOnce(&[u8], &mut Vec<u64>) -> Result<(), Error>) -> usize {
     let mut buffers = buffers();
     let mut hashes = Vec::new();
     let done = run(&buffers.text, &mut hashes);
@@ -76,8 +76,8 @@ pub extern "C" fn text(length: usize) -> *mut u8 {
 /// Drives to the goal of the scenario in the text buffer; gives the number of epochs.
 #[unsafe(no_mangle)]
 pub extern "C" fn trial(seed: u64, trial: u64) -> usize {
-    keep(|text, hashes| {
-        let scenario = Scenario::parse(None, part(text)?, "scenario", &[])?;
+    store_result(|text, hashes| {
+        let scenario = Scenario::parse(None, utf8(text)?, "scenario", &[])?;
         let mut robot = Simulation::new(&scenario, seed, trial)?;
         regulate_on(&mut robot, &scenario, |record| hashes.push(hash(record)))?;
         Ok(())
@@ -88,14 +88,14 @@ pub extern "C" fn trial(seed: u64, trial: u64) -> usize {
 /// `bytes` bytes, then the script.
 #[unsafe(no_mangle)]
 pub extern "C" fn drive(bytes: usize, seed: u64) -> usize {
-    keep(|text, hashes| {
+    store_result(|text, hashes| {
         let (first, lines) = text.split_at_checked(bytes).unwrap_or((text, &[]));
-        let mut scenario = Scenario::parse(None, part(first)?, "scenario", &[])?;
+        let mut scenario = Scenario::parse(None, utf8(first)?, "scenario", &[])?;
         scenario.mission.start = [0.0; 3];
-        let lines = script::parse(part(lines)?, &scenario)?;
+        let lines = script::parse(utf8(lines)?, &scenario)?;
         let mut robot = Simulation::new(&scenario, seed, 0)?;
         let see = |record: &Record| hashes.push(hash(record));
-        script::carry_out(&mut robot, &scenario, &lines, see, &mut Vec::new())
+        script::execute(&mut robot, &scenario, &lines, see, &mut Vec::new())
     })
 }
 

@@ -247,7 +247,7 @@ impl Icm42688 {
         }
         if usize::from(next) == AFTER_RESET {
             if register(WHO_AM_I, transfer) != Some(IDENTITY) {
-                self.lose();
+                self.mark_lost();
                 return Phase::SetUp {
                     wait: RETRY,
                     next: 0,
@@ -290,7 +290,7 @@ impl Icm42688 {
         };
         self.last = samples;
         if status & RESET_DONE != 0 || self.repeats >= STUCK {
-            self.lose();
+            self.mark_lost();
         }
         if !done || !self.is_set_up() {
             return Reading::default();
@@ -310,18 +310,18 @@ impl Icm42688 {
     /// Reads a register back. A wrong value is read again at the next step, so that one disturbed transfer does not
     /// lose the sensor.
     fn read_back(&mut self, transfer: &mut impl FnMut(&mut [u8]) -> bool) {
-        let (which, doubted) = self.check;
+        let (which, repeated) = self.check;
         let (address, bits, expected) = CHECKED[usize::from(which) % CHECKED.len()];
         let right = register(address, transfer).is_some_and(|value| value & bits == expected);
-        if !right && doubted {
-            self.lose();
+        if !right && repeated {
+            self.mark_lost();
         }
         if self.is_set_up() {
             self.phase = Phase::Running {
                 check_in: if right { CHECK_EVERY } else { 0 },
             };
         }
-        self.check = if right || doubted {
+        self.check = if right || repeated {
             ((which + 1) % CHECKED.len() as u8, false)
         } else {
             (which, true)
@@ -329,7 +329,7 @@ impl Icm42688 {
     }
 
     /// Marks the sensor as lost: restarts the set-up and discards both biases.
-    fn lose(&mut self) {
+    fn mark_lost(&mut self) {
         self.lost = true;
         self.phase = BEGIN;
         self.repeats = 0;

@@ -145,7 +145,7 @@ impl Channel {
         if state.samples < 2 * self.half {
             return;
         }
-        let found = self.judge();
+        let found = self.window_bias();
         self.state = State {
             bias_counts: found.ok(),
             refused: found.err(),
@@ -154,7 +154,7 @@ impl Channel {
     }
 
     /// Bias of a full window, counts.
-    fn judge(&self) -> Result<f32, Refused> {
+    fn window_bias(&self) -> Result<f32, Refused> {
         let state = &self.state;
         let n = state.samples as f32;
         let sum = i64::from(state.sum);

@@ -134,7 +134,7 @@ pub struct Calibration {
 
 impl Calibration {
     /// Classifies a count.
-    pub fn judge(&self, count: i32) -> Conversion {
+    pub fn classify(&self, count: i32) -> Conversion {
         if !(0..=self.full_scale).contains(&count) {
             Conversion::Missing
         } else if count < self.lowest || count > self.highest {
@@ -242,7 +242,7 @@ impl Standstill {
         let first = *self.first.get_or_insert(*counts);
         let late = self.samples >= limits.min_samples / 2;
         for i in 0..MAX_GAUGES {
-            if calibration.judge(counts[i]) == Conversion::Good {
+            if calibration.classify(counts[i]) == Conversion::Good {
                 self.halves[i][usize::from(late)].add(i64::from(counts[i]) - i64::from(first[i]));
             } else {
                 self.bad = self.bad.with(i);
@@ -384,14 +384,14 @@ mod tests {
     #[test]
     fn counts_are_classified_by_range_and_margin() {
         let c = calibration();
-        assert_eq!(c.judge(-1), Conversion::Missing);
-        assert_eq!(c.judge(4096), Conversion::Missing);
-        assert_eq!(c.judge(i32::MIN), Conversion::Missing);
+        assert_eq!(c.classify(-1), Conversion::Missing);
+        assert_eq!(c.classify(4096), Conversion::Missing);
+        assert_eq!(c.classify(i32::MIN), Conversion::Missing);
         for count in [0, 3, 4092, 4095] {
-            assert_eq!(c.judge(count), Conversion::Saturated, "{count}");
+            assert_eq!(c.classify(count), Conversion::Saturated, "{count}");
         }
         for count in [4, 2048, 4091] {
-            assert_eq!(c.judge(count), Conversion::Good, "{count}");
+            assert_eq!(c.classify(count), Conversion::Good, "{count}");
         }
         for (strain, plausible) in [
             (5e-3f32, true),

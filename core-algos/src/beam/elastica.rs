@@ -21,7 +21,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, is_exact, is_suspicious, lower, promise, told};
+use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, predicted_decrease};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -465,7 +465,7 @@ impl Solver {
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
-        let known = won || told(&best.normal);
+        let known = won || determines_load(&best.normal);
         let weak = Readings {
             tail: REFINED_TAIL,
             ..readings
@@ -497,8 +497,10 @@ impl Solver {
             return false;
         }
         let normal = self.normal(&minimum.shape, minimum.parameters, weak);
-        promise(&normal).is_some_and(|promise| {
-            promise > NEGLIGIBLE && normal.chi_square - promise < NEARLY_EXACT && told(&normal)
+        predicted_decrease(&normal).is_some_and(|decrease| {
+            decrease > NEGLIGIBLE
+                && normal.chi_square - decrease < NEARLY_EXACT
+                && determines_load(&normal)
         })
     }
 
@@ -510,7 +512,7 @@ impl Solver {
         within(residual)
             || residual < NEARLY_EXACT && {
                 let normal = self.normal(&minimum.shape, minimum.parameters, weak);
-                promise(&normal).is_some_and(|promise| within(residual - promise))
+                predicted_decrease(&normal).is_some_and(|decrease| within(residual - decrease))
             }
     }
 
@@ -527,10 +529,10 @@ impl Solver {
         };
         let step = cholesky_solve(&factor, &normal.descent);
         let mut parameters = from.parameters;
-        let mut promise = 0.0;
+        let mut decrease = 0.0;
         for i in 0..3 {
             parameters[i] += step[i];
-            promise += step[i] * normal.descent[i];
+            decrease += step[i] * normal.descent[i];
         }
         let parameters = bounded(parameters);
         let shape = self.shape(parameters);
@@ -543,7 +545,7 @@ impl Solver {
                 normal: refined,
                 ..from
             };
-            (refined, promise < CONVERGED)
+            (refined, decrease < CONVERGED)
         } else {
             (from, true)
         }

@@ -137,7 +137,7 @@ impl State {
     }
 
     /// Extends the range of gauge `i` in the window by `count`.
-    pub(super) fn see(&mut self, i: usize, count: i32) {
+    pub(super) fn add_sample(&mut self, i: usize, count: i32) {
         if let Some(window) = self.window.get_mut(i) {
             let (low, high) = window.unwrap_or((count, count));
             *window = Some((low.min(count), high.max(count)));
@@ -235,7 +235,7 @@ impl Monitor {
     }
 
     /// Takes the `difference` (strain) between suspect `i` and the fit of the others.
-    pub(super) fn judge_flat(&self, state: &mut State, i: usize, difference: f32) {
+    pub(super) fn add_flat_difference(&self, state: &mut State, i: usize, difference: f32) {
         let periods = state.flat_periods.get(i).copied().unwrap_or(0);
         let periods = if difference.abs() > self.config.dead_strain {
             periods.saturating_add(1)
@@ -252,10 +252,10 @@ impl Monitor {
     }
 
     /// Takes the residual of the fit through `used`. Returns the gauge to leave out of one more fit, whose residual
-    /// goes to [`Self::hear`]; `None` without a search.
+    /// goes to [`Self::add_residual_without`]; `None` without a search.
     // Not inlined: its variables would enlarge the stack of every tick.
     #[inline(never)]
-    pub(super) fn watch(
+    pub(super) fn add_residual(
         &self,
         state: &mut State,
         used: GaugeMask,
@@ -278,7 +278,13 @@ impl Monitor {
     }
 
     /// Takes the residual of the fit through `used` without gauge `i`.
-    pub(super) fn hear(&self, state: &mut State, used: GaugeMask, i: usize, chi_square: f32) {
+    pub(super) fn add_residual_without(
+        &self,
+        state: &mut State,
+        used: GaugeMask,
+        i: usize,
+        chi_square: f32,
+    ) {
         if let Some(slot) = state.without.get_mut(i) {
             *slot = chi_square;
         }
@@ -289,13 +295,13 @@ impl Monitor {
             return;
         }
         // The round is complete. A gauge is faulty if only the fit without it has a small residual.
-        let (mut best, mut second, mut guilty) = (f32::INFINITY, f32::INFINITY, 0);
+        let (mut best, mut second, mut faulty) = (f32::INFINITY, f32::INFINITY, 0);
         for j in used.and(state.tested).iter() {
             let residual = state.without[j];
             if residual < best {
                 second = best;
                 best = residual;
-                guilty = j;
+                faulty = j;
             } else if residual < second {
                 second = residual;
             }
@@ -309,14 +315,14 @@ impl Monitor {
             state.verdicts = 0;
             return;
         }
-        state.verdicts = if state.verdict == Some(guilty as u8) {
+        state.verdicts = if state.verdict == Some(faulty as u8) {
             state.verdicts.saturating_add(1)
         } else {
             1
         };
-        state.verdict = Some(guilty as u8);
+        state.verdict = Some(faulty as u8);
         if state.verdicts >= self.config.verdicts {
-            state.latch(guilty, Fault::Inconsistent);
+            state.latch(faulty, Fault::Inconsistent);
         }
     }
 }

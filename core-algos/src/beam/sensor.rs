@@ -280,7 +280,7 @@ enum Purpose {
     /// Fit of the estimate itself. The next estimate starts from the result.
     Settle,
     /// Fit without this gauge, which may be the faulty one.
-    Blame(usize),
+    LeaveOneOut(usize),
     /// Fit without this suspect, to test if the suspect is dead.
     Flat(usize),
 }
@@ -333,15 +333,15 @@ impl RelativePositionSensor {
                 continue;
             }
             let period = &mut state.periods[i];
-            match self.calibration.judge(counts[i]) {
+            match self.calibration.classify(counts[i]) {
                 Conversion::Good => {
                     period.put(counts[i]);
-                    state.health.see(i, counts[i]);
+                    state.health.add_sample(i, counts[i]);
                 }
                 Conversion::Saturated => period.saturated = period.saturated.saturating_add(1),
                 Conversion::Missing => period.missing = period.missing.saturating_add(1),
             }
-            period.seen = period.seen.saturating_add(1);
+            period.conversions = period.conversions.saturating_add(1);
         }
     }
 
@@ -391,7 +391,7 @@ impl RelativePositionSensor {
         if search.as_ref().is_some_and(Search::is_open) {
             state.work = Some(Work { search, ..work });
         } else {
-            self.cross_examine(state, work, fit);
+            self.check_consistency(state, work, fit);
         }
         state.strain = strain;
         state.good = good;
@@ -478,15 +478,15 @@ impl RelativePositionSensor {
     }
 
     /// Schedules a fit without a gauge that may be faulty, if there is such a gauge.
-    fn cross_examine(&self, state: &mut State, done: Work, fit: Option<Fit>) {
+    fn check_consistency(&self, state: &mut State, done: Work, fit: Option<Fit>) {
         let Some(fit) = fit.filter(|_| self.monitor.config.watch_consistency) else {
             return;
         };
         let health = &mut state.health;
-        let blame = self.monitor.watch(health, done.used, fit.chi_square);
+        let left_out = self.monitor.add_residual(health, done.used, fit.chi_square);
         let flat = || health.suspect().filter(|&i| done.used.contains(i));
-        let purpose = match blame {
-            Some(i) => Purpose::Blame(i),
+        let purpose = match left_out {
+            Some(i) => Purpose::LeaveOneOut(i),
             None => match flat() {
                 Some(i) => Purpose::Flat(i),
                 None => return,
@@ -503,7 +503,7 @@ impl RelativePositionSensor {
             let solver = &self.posture.solver;
             let (mask, budget) = match work.purpose {
                 Purpose::Settle => (work.used, MAX_EVALUATIONS),
-                Purpose::Blame(i) | Purpose::Flat(i) => (work.used.without(i), SEARCH_BUDGET),
+                Purpose::LeaveOneOut(i) | Purpose::Flat(i) => (work.used.without(i), SEARCH_BUDGET),
             };
             match &mut work.search {
                 None if effort < BEGIN_EFFORT => return,
@@ -547,12 +547,13 @@ impl RelativePositionSensor {
         match work.purpose {
             Purpose::Settle => {
                 state.start = start;
-                self.cross_examine(state, work, fit.filter(|fit| fit.converged));
+                self.check_consistency(state, work, fit.filter(|fit| fit.converged));
             }
-            Purpose::Blame(i) => {
-                // A failed fit counts as a large residual: the gauge is not to blame.
+            Purpose::LeaveOneOut(i) => {
+                // A failed fit counts as a large residual: the gauge is not faulty.
                 let residual = fit.map_or(f32::MAX, |fit| fit.chi_square);
-                self.monitor.hear(&mut state.health, used, i, residual);
+                self.monitor
+                    .add_residual_without(&mut state.health, used, i, residual);
             }
             Purpose::Flat(i) => {
                 let difference = fit.zip(work.curvature.get(i).copied());
@@ -560,7 +561,8 @@ impl RelativePositionSensor {
                     curvature - fit.curvature.get(i).copied().unwrap_or(curvature)
                 });
                 let strain = difference * self.strip().half_thickness;
-                self.monitor.judge_flat(&mut state.health, i, strain);
+                self.monitor
+                    .add_flat_difference(&mut state.health, i, strain);
             }
         }
     }

@@ -211,7 +211,7 @@ impl Cascade {
 
         // Relative rate of 1/cos ψ.
         let growth = shape.tan * psi_rate;
-        let along = v_rate + v * growth;
+        let speed_rate = v_rate + v * growth;
         // Half the rate of the chord and its derivative, then both converted to the axles' headings.
         let [front, rear] = match self.form {
             Form::Exact => {
@@ -220,7 +220,7 @@ impl Cascade {
                     + shape.slope * psi_acceleration
                     + parting * growth;
                 [(parting, rate), (-parting, -rate)]
-                    .map(|(part, rate)| ((v + part) * shape.sec, (along + rate) * shape.sec))
+                    .map(|(part, rate)| ((v + part) * shape.sec, (speed_rate + rate) * shape.sec))
             }
             Form::Printed => {
                 cold_path();
@@ -228,7 +228,7 @@ impl Cascade {
                 let parting = sixth * psi.0 * psi_rate;
                 let rate = sixth * (psi_rate * psi_rate + psi.0 * psi_acceleration);
                 [(parting, rate), (-parting, -rate)]
-                    .map(|(part, rate)| (v * shape.sec + part, along * shape.sec + rate))
+                    .map(|(part, rate)| (v * shape.sec + part, speed_rate * shape.sec + rate))
             }
         };
         let front = (

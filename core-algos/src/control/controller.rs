@@ -11,7 +11,7 @@ pub type Memory = [f32; 8];
 
 /// Motion commanded by a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct ControllerOutput {
     /// Velocity of O, m/s.
     pub v: f32,
     /// Curvature of the path of O, 1/m.
@@ -23,14 +23,14 @@ pub struct Wanted {
 /// Kinematic controller of posture regulation.
 pub trait KinematicController: Sync {
     /// Motion for the next epoch of 10 ms.
-    fn step(&self, memory: &mut Memory, input: &Input) -> Wanted;
+    fn step(&self, memory: &mut Memory, input: &Input) -> ControllerOutput;
 }
 
 /// The user's own controller, if any.
 #[derive(Clone, Copy, Default)]
-pub struct Own(pub Option<&'static dyn KinematicController>);
+pub struct CustomController(pub Option<&'static dyn KinematicController>);
 
-impl PartialEq for Own {
+impl PartialEq for CustomController {
     fn eq(&self, other: &Self) -> bool {
         match (self.0, other.0) {
             (Some(one), Some(other)) => core::ptr::addr_eq(one, other),
@@ -40,7 +40,7 @@ impl PartialEq for Own {
     }
 }
 
-impl fmt::Debug for Own {
+impl fmt::Debug for CustomController {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.0.map_or("regulator", |_| "own controller"))
     }

@@ -264,8 +264,8 @@ impl Dynamic {
         let Some([stall, per_speed]) = self.torque_line else {
             return limit;
         };
-        let along = if torque < 0.0 { -speed } else { speed };
-        let line = stall - per_speed * along;
+        let forward_speed = if torque < 0.0 { -speed } else { speed };
+        let line = stall - per_speed * forward_speed;
         if line >= limit {
             limit
         } else if line > 0.0 {

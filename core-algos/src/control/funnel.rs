@@ -135,15 +135,15 @@ mod tests {
             let (x, y, phi) = (-e * beta.cos(), -e * beta.sin(), theta - alpha);
             let direction = if reverse { Direction::Reverse } else { Direction::Forward };
             let law = law();
-            let seen = |q: [f64; 3]| {
-                PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN).along(direction)
+            let error_at = |q: [f64; 3]| {
+                PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN).in_direction(direction)
             };
             let mut q = [x, y, phi].map(f64::from);
-            let start = seen(q);
+            let start = error_at(q);
             prop_assert!(contains(start, curvature), "{start:?}");
             let mut driven = 0.0f64;
-            while seen(q).distance_m > 0.003 {
-                let error = seen(q);
+            while error_at(q).distance_m > 0.003 {
+                let error = error_at(q);
                 let h = 2e-3 * f64::from(error.distance_m);
                 prop_assert!(driven < 30.0);
                 if error.distance_m > 0.1 {
@@ -180,15 +180,15 @@ mod tests {
                 cos_eta: eta.cos(), sin_eta: eta.sin(),
             };
             let lengths = candidate.lengths(curvature, 0.0, [true; 2]);
-            for (length, seen) in lengths.into_iter().zip([error, error.reversed()]) {
-                let need = needed_curvature(seen);
-                let (a, h) = (seen.alpha, seen.arrival());
+            for (length, directed) in lengths.into_iter().zip([error, error.reversed()]) {
+                let need = needed_curvature(directed);
+                let (a, h) = (directed.alpha, directed.arrival());
                 let bearing = a.abs() + if a * h < 0.0 { h.abs() } else { 0.0 };
                 prop_assume!((need - curvature).abs() > 1e-3);
                 prop_assume!((bearing - MAX_BEARING_RAD).abs() > 1e-3 && (h.abs() - PI).abs() > 1e-2);
-                prop_assert_eq!(length.is_some(), contains(seen, curvature));
+                prop_assert_eq!(length.is_some(), contains(directed, curvature));
                 if let Some(length) = length {
-                    prop_assert!((length - approach_length(seen)).abs() < 1e-3 * length);
+                    prop_assert!((length - approach_length(directed)).abs() < 1e-3 * length);
                 }
             }
         }

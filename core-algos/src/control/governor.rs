@@ -3,14 +3,14 @@
 //! # Theory
 //!
 //! The cascade needs v̇, ψ̇ and ψ̈ of its input; differentiating the output of the kinematic controller would
-//! differentiate the noise of the estimate. The controller's command, the *wish* `(v, ψ)`, therefore drives two small
+//! differentiate the noise of the estimate. The controller's command, the *input* `(v, ψ)`, therefore drives two small
 //! filters whose states are the reference:
 //!
 //! - ψ follows a critically damped second-order filter, with poles placed exactly for the sampling interval. Its
 //!   acceleration is limited to ψ̈_max and its rate to ψ̇_max. Both are also limited so that braking at ψ̈_max always
-//!   stops ψ before ±ψ_max: |ψ| ≤ ψ_max holds for any wish.
-//! - v follows a first-order lag with |v̇| limited. Its target is scaled by `max(0, 1 − |ψ_wish − ψ|/tolerance)`:
-//!   speed waits for steering, which keeps the path. A wish may allow a steering error without waiting. At a change
+//!   stops ψ before ±ψ_max: |ψ| ≤ ψ_max holds for any input.
+//! - v follows a first-order lag with |v̇| limited. Its target is scaled by `max(0, 1 − |ψ_input − ψ|/tolerance)`:
+//!   speed waits for steering, which keeps the path. An input may allow a steering error without waiting. At a change
 //!   of direction, v rests at zero for a short time.
 //! - No wheel exceeds its speed limit. With steering ψ the fastest wheel (outer, either axle) runs at
 //!   `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is bounded by its value at ψ̇_max, so that the
@@ -19,7 +19,7 @@
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; [`Governor::step`] and [`Governor::stop`] cannot fail. A wish that
+//! [`Config::build`] validates; [`Governor::step`] and [`Governor::stop`] cannot fail. An input that
 //! is not finite counts as absent: the robot brakes as by [`Governor::stop`].
 
 use super::cascade::{Cascade, Motion};
@@ -162,7 +162,7 @@ impl Gains {
 /// Commanded velocity and steering, before the governor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Wish {
+pub struct GovernorInput {
     /// Velocity of O, m/s.
     pub v: f32,
     /// Rate of `v` if known (on a trajectory), m/s², otherwise 0; removes the lag of the filter.
@@ -175,11 +175,11 @@ pub struct Wish {
     pub steering_slack: f32,
 }
 
-impl Wish {
-    /// A wish of velocity (m/s) and path curvature (1/m).
+impl GovernorInput {
+    /// An input of velocity (m/s) and path curvature (1/m).
     #[inline(always)]
     pub fn from_curvature(cascade: &Cascade, v: f32, kappa: f32) -> Self {
-        // A curvature that is not finite gives NaN, which the governor treats as an absent wish.
+        // A curvature that is not finite gives NaN, which the governor treats as an absent input.
         let psi = if kappa.abs() < cascade.max_curvature() || kappa.is_finite() {
             cascade.steering(kappa)
         } else {
@@ -299,21 +299,21 @@ impl Governor {
         1.05 * steepest
     }
 
-    /// One step towards `wish`, after which the state's [`motion`](State::motion) is the reference.
+    /// One step towards `input`, after which the state's [`motion`](State::motion) is the reference.
     ///
     /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
     #[inline(always)]
-    pub fn step(&self, state: &mut State, wish: &Wish) {
+    pub fn step(&self, state: &mut State, input: &GovernorInput) {
         // NaN or infinity makes the sum not finite; finite numbers do so only at the limit of `f32`.
-        let sum = (wish.v + wish.psi.0) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
+        let sum = (input.v + input.psi.0) + (input.v_rate + input.psi_rate + input.steering_slack);
         if !(sum.abs() <= f32::MAX) {
             cold_path();
             return self.stop(state);
         }
         let gains = &self.gains;
         let before = state.motion;
-        let target_psi = bounded(wish.psi.0, self.config.max_steering_rad);
-        let target_rate = match wish.psi_rate {
+        let target_psi = bounded(input.psi.0, self.config.max_steering_rad);
+        let target_rate = match input.psi_rate {
             0.0 => 0.0,
             rate => bounded(rate, self.max_steering_rate),
         };
@@ -322,11 +322,11 @@ impl Governor {
             + gains.damping * (target_rate - before.psi_rate);
         self.steer(&mut state.motion, wanted);
 
-        let astray = (target_psi - state.motion.psi.0).abs() - wish.steering_slack;
+        let steering_excess = (target_psi - state.motion.psi.0).abs() - input.steering_slack;
         let limit = self.speed_limit(state.motion.psi);
-        let (mut target, mut rate) = (bounded(wish.v, limit), wish.v_rate);
-        if astray > 0.0 {
-            let waiting = greater(1.0 - astray * self.per_steering_tolerance, 0.0);
+        let (mut target, mut rate) = (bounded(input.v, limit), input.v_rate);
+        if steering_excess > 0.0 {
+            let waiting = greater(1.0 - steering_excess * self.per_steering_tolerance, 0.0);
             (target, rate) = (target * waiting, rate * waiting);
         }
         let heading = if target != 0.0 { target } else { rate };
@@ -372,9 +372,9 @@ impl Governor {
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate is at least zero, so that only the limit on the side of the wanted rate can apply.
-        let asked = rate + wanted;
+        let demanded = rate + wanted;
         let ahead = motion.psi.0 + rate * gains.half_dt;
-        let room = if asked < 0.0 {
+        let room = if demanded < 0.0 {
             limit + ahead
         } else {
             limit - ahead
@@ -386,7 +386,7 @@ impl Governor {
             let braking = gains.bending_square + self.twice_bending * greater(room, 0.0);
             lesser(sqrt(braking) - gains.bending, self.max_steering_rate)
         };
-        let mut next = bounded(asked, highest);
+        let mut next = bounded(demanded, highest);
         if !((next - rate).abs() <= gains.bending) {
             cold_path();
             next = rate + gains.bending.copysign(next - rate);

@@ -97,15 +97,15 @@ impl PolarError {
     pub fn between(posture: Posture, reference: Posture) -> Self {
         let (dx, dy) = (reference.x - posture.x, reference.y - posture.y);
         let distance_m = hypot(dx, dy);
-        let sight = if distance_m > 0.0 {
+        let terms = if distance_m > 0.0 {
             atan2(dy, dx)
         } else {
             reference.phi
         };
         Self {
             distance_m,
-            theta: wrap_angle(sight - reference.phi),
-            alpha: wrap_angle(sight - posture.phi),
+            theta: wrap_angle(terms - reference.phi),
+            alpha: wrap_angle(terms - posture.phi),
         }
     }
 
@@ -119,7 +119,7 @@ impl PolarError {
     }
 
     /// The error as seen when driving in `direction`.
-    pub fn along(self, direction: Direction) -> Self {
+    pub fn in_direction(self, direction: Direction) -> Self {
         match direction {
             Direction::Forward => self,
             Direction::Reverse => self.reversed(),
@@ -140,7 +140,7 @@ impl PolarError {
 
 /// Polar error in the terms of eq. 4.
 #[derive(Clone, Copy, Debug)]
-struct Sight {
+struct PolarTerms {
     /// e, m, and its inverse, 1/m, of at least [`MIN_DISTANCE_M`].
     distance: f32,
     inverse: f32,
@@ -152,7 +152,7 @@ struct Sight {
     sum: f32,
 }
 
-impl From<PolarError> for Sight {
+impl From<PolarError> for PolarTerms {
     fn from(error: PolarError) -> Self {
         let (sin_theta, cos_theta) = sin_cos(error.theta);
         let (sin_alpha, cos_alpha) = sin_cos(error.alpha);
@@ -168,7 +168,7 @@ impl From<PolarError> for Sight {
     }
 }
 
-impl Sight {
+impl PolarTerms {
     /// Computed from the angles, for distances near zero.
     #[cold]
     #[inline(never)]
@@ -189,7 +189,7 @@ impl Sight {
         }
         let inverse = 1.0 / distance;
         let (x, y) = (dx * inverse, dy * inverse);
-        let sight = atan2(dy, dx);
+        let terms = atan2(dy, dx);
         Self {
             distance,
             inverse,
@@ -197,7 +197,7 @@ impl Sight {
             cos_theta: x * reference.cos + y * reference.sin,
             sin_alpha: y * center.cos - x * center.sin,
             cos_alpha: x * center.cos + y * center.sin,
-            sum: wrap_angle(sight - to.phi) + wrap_angle(sight - from.phi),
+            sum: wrap_angle(terms - to.phi) + wrap_angle(terms - from.phi),
         }
     }
 }
@@ -325,9 +325,9 @@ impl Law {
     }
 
     #[inline(always)]
-    fn demand(&self, sight: &Sight, v_r: f32, kappa_r: f32) -> Demand {
+    fn demand(&self, terms: &PolarTerms, v_r: f32, kappa_r: f32) -> Demand {
         let c = &self.config;
-        let Sight {
+        let PolarTerms {
             distance,
             inverse,
             sin_theta,
@@ -335,7 +335,7 @@ impl Law {
             sin_alpha,
             cos_alpha,
             sum,
-        } = *sight;
+        } = *terms;
         let s = self.shape(sin_theta);
         let es = distance * s;
         let manifold_sin_2theta = self.twice_manifold * (sin_theta * cos_theta);
@@ -348,11 +348,11 @@ impl Law {
         let denominator = if self.floored {
             greater(es * cos_alpha + turning, c.denominator_floor * es)
         } else {
-            let along = match c.form {
+            let linear = match c.form {
                 Form::Printed => es,
                 Form::Derived => es * cos_alpha,
             };
-            away_from_zero(along + turning, MIN_DENOMINATOR_M)
+            away_from_zero(linear + turning, MIN_DENOMINATOR_M)
         };
         let v = (approach + feedforward) / denominator;
         let phi_dot =
@@ -374,8 +374,8 @@ impl Law {
     /// Equation 4 for `center` and a reference that does not reverse, and the part of the yaw rate due to the heading
     /// error: k2 tanh(θ + α), rad/s.
     pub(super) fn ahead(&self, center: &Transform, reference: Reference) -> (Command, f32) {
-        let sight = Sight::between(center, &reference.posture.into());
-        let demand = self.demand(&sight, reference.v, reference.kappa);
+        let terms = PolarTerms::between(center, &reference.posture.into());
+        let demand = self.demand(&terms, reference.v, reference.kappa);
         (demand.command, demand.by_heading)
     }
 
@@ -386,16 +386,16 @@ impl Law {
     pub fn track(&self, center: impl Into<Transform>, reference: Reference) -> Command {
         let (center, goal) = (&center.into(), &Transform::from(reference.posture));
         if reference.v < 0.0 {
-            let sight = Sight::between(&center.turned(), &goal.turned());
-            let command = self.demand(&sight, -reference.v, -reference.kappa).command;
+            let terms = PolarTerms::between(&center.turned(), &goal.turned());
+            let command = self.demand(&terms, -reference.v, -reference.kappa).command;
             Command {
                 v: -command.v,
                 kappa: -command.kappa,
                 phi_dot: command.phi_dot,
             }
         } else {
-            let sight = Sight::between(center, goal);
-            self.demand(&sight, reference.v, reference.kappa).command
+            let terms = PolarTerms::between(center, goal);
+            self.demand(&terms, reference.v, reference.kappa).command
         }
     }
 
@@ -423,13 +423,13 @@ impl Law {
     /// `max(0, cos α)` is blended in, so that the robot stops abeam of the goal instead of circling it. The velocity
     /// never opposes `direction`. Input that is not finite gives [`Command::REST`].
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
-        let seen = error.along(direction);
-        let sight = Sight::from(seen);
-        let kappa = direction.sign() * self.arc_curvature(seen, sight.sin_alpha);
+        let directed = error.in_direction(direction);
+        let terms = PolarTerms::from(directed);
+        let kappa = direction.sign() * self.arc_curvature(directed, terms.sin_alpha);
         let soft = greater(self.config.softening_m, MIN_DISTANCE_M);
-        let far = clamp(0.5 * seen.distance_m / soft - 1.0, 0.0, 1.0);
-        let slow = far + (1.0 - far) * greater(sight.cos_alpha, 0.0);
-        let v = self.demand(&sight, 0.0, 0.0).command.v;
+        let far = clamp(0.5 * directed.distance_m / soft - 1.0, 0.0, 1.0);
+        let slow = far + (1.0 - far) * greater(terms.cos_alpha, 0.0);
+        let v = self.demand(&terms, 0.0, 0.0).command.v;
         let v = direction.sign() * greater(v, 0.0) * slow;
         if kappa.is_finite() && v.is_finite() {
             Command {

@@ -26,9 +26,9 @@
 //!
 //! Paths are driven forward.
 //!
-//! [`Follower::wish`] and [`Tracker::wish`] apply law (4) to the reference and give the wish for the governor. The
-//! heading gain k2 is scaled by |v|/v_0, with v_0 the nominal speed. Heading is then corrected per length and not per
-//! time, so that slow driving does not cause sharp bends. At v_0 the law is the paper's.
+//! [`Follower::governor_input`] and [`Tracker::governor_input`] apply law (4) to the reference and give the input of
+//! the governor. The heading gain k2 is scaled by |v|/v_0, with v_0 the nominal speed. Heading is then corrected per
+//! length and not per time, so that slow driving does not cause sharp bends. At v_0 the law is the paper's.
 //!
 //! # Panic contract
 //!
@@ -42,7 +42,7 @@ pub use buffer::{
 };
 
 use super::cascade::Cascade;
-use super::governor::Wish;
+use super::governor::GovernorInput;
 use super::kinematic::{Law, Reference};
 use crate::config::{Allowed, ConfigError, declare, positive};
 use crate::math::trig::{clamp, sqrt};
@@ -150,13 +150,13 @@ impl SteeringLaw {
 
     /// The law's velocity and curvature for `reference`. As the velocity vanishes, the curvature is blended into
     /// `kappa`, the path's curvature at O.
-    fn wish(
+    fn governor_input(
         &self,
         center: &Transform,
         reference: Reference,
         kappa: f32,
         rates: (f32, f32),
-    ) -> Wish {
+    ) -> GovernorInput {
         let (command, by_heading) = self.law.ahead(center, reference);
         let direction = 1.0f32.copysign(command.v);
         let demanded = (command.phi_dot - by_heading) / (direction * command.v.abs().max(1e-3))
@@ -164,11 +164,11 @@ impl SteeringLaw {
         let bound = self.cascade.max_curvature();
         let share = (command.v.abs() / SLOW_M_S).min(1.0);
         let curvature = share * clamp(demanded, -bound, bound) + (1.0 - share) * kappa;
-        Wish {
+        GovernorInput {
             v_rate: rates.0,
             psi_rate: rates.1,
             steering_slack: STEERING_SLACK_RAD,
-            ..Wish::from_curvature(&self.cascade, command.v, curvature)
+            ..GovernorInput::from_curvature(&self.cascade, command.v, curvature)
         }
     }
 }
@@ -222,12 +222,16 @@ fn nearest(a: PathPoint, b: PathPoint, at: Posture) -> (f32, f32) {
 }
 
 impl Follower {
-    /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::step`], with the
+    /// Input of the governor for O at `center`: law (4) on the reference of [`Self::step`], with the
     /// path's deceleration and steering rate as feedforward.
-    pub fn wish(&self, center: impl Into<Transform>, reference: &PathReference) -> Wish {
+    pub fn governor_input(
+        &self,
+        center: impl Into<Transform>,
+        reference: &PathReference,
+    ) -> GovernorInput {
         let rates = (reference.v_rate, reference.psi_rate);
         self.steering
-            .wish(&center.into(), reference.reference, reference.kappa, rates)
+            .governor_input(&center.into(), reference.reference, reference.kappa, rates)
     }
 
     /// Progress of `center` (the posture of O) along the path. At first, the nearest point of the whole path; later,
@@ -405,12 +409,16 @@ impl Tracker {
         })
     }
 
-    /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::at`], with the
+    /// Input of the governor for O at `center`: law (4) on the reference of [`Self::at`], with the
     /// trajectory's acceleration and steering rate as feedforward.
-    pub fn wish(&self, center: impl Into<Transform>, reference: &TrajectoryReference) -> Wish {
+    pub fn governor_input(
+        &self,
+        center: impl Into<Transform>,
+        reference: &TrajectoryReference,
+    ) -> GovernorInput {
         let rates = (reference.acceleration, reference.psi_rate);
         self.steering
-            .wish(&center.into(), reference.reference, reference.kappa, rates)
+            .governor_input(&center.into(), reference.reference, reference.kappa, rates)
     }
 
     /// The reference at `time` (s). `None` if there is no trajectory or the time is NaN.

@@ -221,11 +221,11 @@ impl Planner {
 
     /// A search from `posture` (m, rad) to `goal`, both in the same frame.
     pub fn start(&self, posture: Posture, goal: Posture) -> Search {
-        let seen = posture.relative_to(goal);
-        let (sin, cos) = sin_cos(seen.phi);
+        let relative = posture.relative_to(goal);
+        let (sin, cos) = sin_cos(relative.phi);
         let start = Pose {
-            x: seen.x,
-            y: seen.y,
+            x: relative.x,
+            y: relative.y,
             cos,
             sin,
         };
@@ -237,7 +237,7 @@ impl Planner {
             here: start,
             evaluated: 0,
         };
-        if !seen.is_finite() {
+        if !relative.is_finite() {
             return search;
         }
         // Already in the funnel: a plan without segments. A segment that shortens the path may still be found.

@@ -114,7 +114,7 @@ pub struct Output {
 /// Change of goal (m, rad) above which the regulator restarts. A smaller change moves the goal without a restart.
 const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 /// Time outside the funnel after which the approach ends, s.
-const DOUBT_S: f32 = 0.1;
+const OUTSIDE_S: f32 = 0.1;
 /// Time without commanded motion after which the approach ends, s.
 const STALL_S: f32 = 1.0;
 /// Largest distance between two postures of a robot that is stuck in the same place, m.
@@ -254,12 +254,12 @@ impl Regulator {
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
     }
 
-    /// True if the approach may begin or continue from `seen`: the funnel, with an allowance for errors of execution
+    /// True if the approach may begin or continue from `error`: the funnel, with an allowance for errors of execution
     /// and estimate. The commanded curvature stays within its limit.
-    fn within_reach(&self, seen: PolarError) -> bool {
-        let slack = self.config.leave_slack_rad / seen.distance_m.max(1e-3);
+    fn within_reach(&self, error: PolarError) -> bool {
+        let slack = self.config.leave_slack_rad / error.distance_m.max(1e-3);
         let curvature = self.config.leave_factor * self.limits.max_curvature();
-        funnel::contains(seen, curvature + slack)
+        funnel::contains(error, curvature + slack)
     }
 
     fn at_rest(&self, input: &Input) -> bool {
@@ -366,8 +366,8 @@ impl Regulator {
     /// At rest before step `index` of the plan: steers for the step, or plans anew if the approach cannot begin.
     fn proceed(&self, state: &mut State, input: &Input, index: u8) {
         let is_segment = state.plan.segment(usize::from(index)).is_some();
-        let seen = self.error(input).along(state.plan.approach);
-        if is_segment || self.within_reach(seen) {
+        let directed = self.error(input).in_direction(state.plan.approach);
+        if is_segment || self.within_reach(directed) {
             state.next = Next::Step(index);
             state.origin = input.posture;
             state.progress = 0.0;
@@ -454,9 +454,9 @@ impl Regulator {
     fn follow_approach(&self, state: &mut State, input: &Input) -> Output {
         let error = self.error(input);
         let direction = state.plan.approach;
-        let seen = error.along(direction);
+        let directed = error.in_direction(direction);
         if state.final_curvature.is_none() && error.distance_m <= self.config.final_arc_m {
-            let arc = 2.0 * sin(seen.alpha) / error.distance_m.max(1e-3);
+            let arc = 2.0 * sin(directed.alpha) / error.distance_m.max(1e-3);
             let bound = self.limits.max_curvature();
             state.final_curvature = Some(direction.sign() * clamp(arc, -bound, bound));
         }
@@ -464,18 +464,18 @@ impl Regulator {
             return self.final_arc(state, input, curvature);
         }
         let command = self.limits.limit(self.approach.approach(error, direction));
-        let outside = !self.within_reach(seen);
+        let outside = !self.within_reach(directed);
         let idle = command.v.abs() < 0.5 * self.config.rest_speed_m_s;
         if outside || idle {
-            state.doubt += EPOCH_S;
+            state.no_progress_s += EPOCH_S;
         } else {
-            state.doubt = 0.0;
+            state.no_progress_s = 0.0;
         }
-        if outside && state.doubt >= DOUBT_S {
+        if outside && state.no_progress_s >= OUTSIDE_S {
             self.renew(state);
             return self.stand(state);
         }
-        if idle && state.doubt >= STALL_S {
+        if idle && state.no_progress_s >= STALL_S {
             state.enter(Phase::Hold);
             return self.stand(state);
         }
@@ -493,8 +493,8 @@ impl Regulator {
             length_m: self.config.final_arc_m,
         };
         // Remaining distance along the arc and deviation from it: a projection with one correction.
-        let seen = input.posture.relative_to(input.goal);
-        let first = -sign * seen.x;
+        let relative = input.posture.relative_to(input.goal);
+        let first = -sign * relative.x;
         let off = input
             .posture
             .relative_to(arc.posture_at(input.goal, -first));
@@ -555,12 +555,16 @@ impl Regulator {
             Phase::GaveUp => return self.stand(state),
             Phase::Approach => {
                 let slow = command.v.abs() < self.config.stop_speed_m_s;
-                state.doubt = if slow { state.doubt + EPOCH_S } else { 0.0 };
+                state.no_progress_s = if slow {
+                    state.no_progress_s + EPOCH_S
+                } else {
+                    0.0
+                };
                 if slow && error.distance_m < rest + margin {
                     state.enter(Phase::Hold);
                     return self.stand(state);
                 }
-                if state.doubt >= STALL_S {
+                if state.no_progress_s >= STALL_S {
                     // On the circle manifold with a heading error: eq. 4 commands a turn on the spot, which a bent
                     // frame cannot do.
                     state.enter(Phase::GaveUp);

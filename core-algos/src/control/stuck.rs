@@ -21,10 +21,10 @@ impl Stuck {
         time_s: 0.0,
     };
 
-    /// Observes O at `posture` after `dt` seconds; `asked` is true if the robot is commanded to move. Returns the
+    /// Observes O at `posture` after `dt` seconds; `commanded` is true if the robot is commanded to move. Returns the
     /// time without motion, s.
-    pub fn step(&mut self, asked: bool, posture: Posture, dt: f32) -> f32 {
-        if asked && posture.distance(self.at) <= MOVED_M {
+    pub fn step(&mut self, commanded: bool, posture: Posture, dt: f32) -> f32 {
+        if commanded && posture.distance(self.at) <= MOVED_M {
             self.time_s += dt;
         } else {
             *self = Self {
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn time_without_motion_counts_while_commanded_within_one_millimetre() {
         let mut stuck = Stuck::NEW;
-        for (asked, x, y, time_s) in [
+        for (commanded, x, y, time_s) in [
             (true, MOVED_M, 0.0, 0.5),
             (true, 0.0, -MOVED_M, 1.0),
             (true, MOVED_M.next_up(), 0.0, 0.0),
@@ -59,8 +59,8 @@ mod tests {
             (true, 0.0, 0.0, 0.5),
             (true, f32::NAN, 0.0, 0.0),
         ] {
-            let found = stuck.step(asked, Posture::new(x, y, 1.0), 0.5);
-            assert_eq!(found, time_s, "{asked} {x} {y}");
+            let found = stuck.step(commanded, Posture::new(x, y, 1.0), 0.5);
+            assert_eq!(found, time_s, "{commanded} {x} {y}");
         }
         let mut waited = Stuck::NEW;
         waited.step(true, Posture::ORIGIN, 0.5);

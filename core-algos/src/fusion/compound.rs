@@ -194,11 +194,11 @@ mod tests {
                 let (x, y) = (f[0] - b[0], f[1] - b[1]);
                 [0.5 * (f[0] + b[0]), 0.5 * (f[1] + b[1]), y.atan2(x)]
             };
-            // The axle at `seen` in the rear axle's frame, for O at `o` and the front axle at `r` in the rear axle's
-            // frame.
-            let axle = |o: [f64; 3], seen: [f64; 3], r: [f64; 3]| {
+            // The axle at `relative` in the rear axle's frame, for O at `o` and the front axle at `r` in the rear
+            // axle's frame.
+            let axle = |o: [f64; 3], relative: [f64; 3], r: [f64; 3]| {
                 let q = middle(r, [0.0; 3]);
-                forward(backward(o, q), seen)
+                forward(backward(o, q), relative)
             };
             let (p, q) = (a.posture, r.posture);
             prop_assume!(q.x.hypot(q.y) > 0.05);

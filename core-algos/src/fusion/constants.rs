@@ -73,8 +73,8 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     ],
 ];
 
-/// Error of an increment for the errors `of` the constants: the product with [`Step::by_constants`], over its few
-/// nonzero entries.
+/// Error of an increment for the errors `of` the constants: the product with [`IncrementInputs::by_constants`],
+/// over its few nonzero entries.
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,
@@ -126,7 +126,7 @@ impl Tyres {
 
 /// Odometric increment of one axle, with the quantities that its errors depend on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct IncrementInputs {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
     /// Posture reached, in the frame of departure (m, m, rad).
@@ -139,7 +139,7 @@ pub struct Step {
     pub gyro_share: f32,
 }
 
-impl Step {
+impl IncrementInputs {
     /// Sign of the turn under the frame's moment: the front axle turns back, the rear axle into the curve.
     fn sign(&self) -> f32 {
         if self.axle == 0 { -1.0 } else { 1.0 }
@@ -157,7 +157,7 @@ impl Step {
     }
 
     /// Mean distance rolled by the wheels, m.
-    pub fn way(&self, tyres: &Tyres) -> f32 {
+    pub fn mean_distance(&self, tyres: &Tyres) -> f32 {
         let [left, right] = self.rolled(tyres);
         0.5 * (left + right)
     }

@@ -59,14 +59,14 @@ impl<const N: usize> Covariance<N> {
     /// Innovation covariance and gain of `M` measurements. Measurement m is state `first` + m plus row m of `h` times
     /// the states `states`; `noise` is the covariance of the noise. With S = H P Hᵀ + R = L Lᵀ, returns L and L⁻¹ H
     /// P; `None` if S is not positive definite.
-    pub(super) fn seen<const S: usize, const M: usize>(
+    pub(super) fn innovation_factors<const S: usize, const M: usize>(
         &self,
         first: usize,
         states: &[usize; S],
         h: &Mat<M, S>,
         noise: &Mat<M, M>,
     ) -> Option<(Mat<M, M>, Mat<M, N>)> {
-        let mut told = [[0.0; N]; M];
+        let mut root_gain = [[0.0; N]; M];
         let u = &self.upper;
         for j in 0..N {
             let entry = |state: usize| match state < j {
@@ -79,15 +79,15 @@ impl<const N: usize> Covariance<N> {
                 for k in 0..S {
                     sum += h[m][k] * others[k];
                 }
-                told[m][j] = sum;
+                root_gain[m][j] = sum;
             }
         }
         let mut sum = *noise;
         for m in 0..M {
             for n in 0..M {
-                sum[m][n] += told[m][(first + n) % N];
+                sum[m][n] += root_gain[m][(first + n) % N];
                 for k in 0..S {
-                    sum[m][n] += h[n][k] * told[m][states[k] % N];
+                    sum[m][n] += h[n][k] * root_gain[m][states[k] % N];
                 }
             }
         }
@@ -97,23 +97,24 @@ impl<const N: usize> Covariance<N> {
             for l in 0..m {
                 let by = factor[m][l];
                 for j in 0..N {
-                    told[m][j] -= by * told[l][j];
+                    root_gain[m][j] -= by * root_gain[l][j];
                 }
             }
-            for entry in &mut told[m] {
+            for entry in &mut root_gain[m] {
                 *entry *= inverse;
             }
         }
-        Some((factor, told))
+        Some((factor, root_gain))
     }
 
-    /// Measurement update by three measurements: P − (L⁻¹ H P)ᵀ (L⁻¹ H P), with the matrix from [`Self::seen`].
-    pub(super) fn take_off(&mut self, told: &Mat<3, N>) {
+    /// Measurement update by three measurements: P − (L⁻¹ H P)ᵀ (L⁻¹ H P), with the matrix from
+    /// [`Self::innovation_factors`].
+    pub(super) fn subtract_update(&mut self, root_gain: &Mat<3, N>) {
         for i in 0..N {
-            let [x, y, z] = told;
+            let [x, y, z] = root_gain;
             let by = [x[i], y[i], z[i]];
-            let told = x[i..].iter().zip(&y[i..]).zip(&z[i..]);
-            for (entry, ((x, y), z)) in self.upper[i][i..].iter_mut().zip(told) {
+            let root_gain = x[i..].iter().zip(&y[i..]).zip(&z[i..]);
+            for (entry, ((x, y), z)) in self.upper[i][i..].iter_mut().zip(root_gain) {
                 *entry -= by[0] * x + by[1] * y + by[2] * z;
             }
         }

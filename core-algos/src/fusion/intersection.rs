@@ -373,8 +373,8 @@ fn combine(a: &ExtendedEstimate, b: &ExtendedEstimate, [omega, v]: [f64; 2]) -> 
         }
     }
     let difference = difference(a, b);
-    let seen = s.weighed(s.lower(difference));
-    let mut x = [0, 1, 2].map(|i| a.posture[i] + v * dot(&by_a[i], &seen));
+    let weighted = s.weighed(s.lower(difference));
+    let mut x = [0, 1, 2].map(|i| a.posture[i] + v * dot(&by_a[i], &weighted));
     x[2] = wrap_angle_f64(x[2]);
     let estimate = Estimate::new(Posture::from(x.map(|x| x as f32)), covariance);
     estimate.is_finite().then_some(estimate)

@@ -33,9 +33,9 @@
 //! let ipec = Config::default().build()?;
 //! let (front, rear) = (Posture::new(0.37, 0.0, 0.0), Posture::ORIGIN);
 //! let mut state = State::new(front, rear);
-//! let seen = rear.relative_to(front);
+//! let relative = rear.relative_to(front);
 //! // A bump lengthens the travel of the front axle's right wheel by 2 mm; the frame does not bend.
-//! let correction = ipec.step(&mut state, &[0.01, 0.012, 0.01, 0.01], &seen).expect("a direction");
+//! let correction = ipec.step(&mut state, &[0.01, 0.012, 0.01, 0.01], &relative).expect("a direction");
 //! let [front, _] = state.postures();
 //! assert!(front.phi.abs() < 2e-4, "by its wheels it would have turned by 6.2e-3");
 //! assert!((correction.heading[0] + 6.2e-3).abs() < 2e-4);
@@ -169,7 +169,7 @@ impl Ipec {
             axle[1] += f64::from(ds * sin);
             axle[2] = wrap_angle_f64(axle[2] + f64::from(turn));
         }
-        let seen = Direction::of(r)?;
+        let chord = Direction::of(r)?;
         let [front, rear] = &mut state.axles;
         let (x, y) = ((rear[0] - front[0]) as f32, (rear[1] - front[1]) as f32);
         let length = hypot(x, y);
@@ -177,36 +177,36 @@ impl Ipec {
             return None;
         }
         let beta = atan2(y, x);
-        let first = wrap_angle_f64(f64::from(beta) - f64::from(seen.alpha));
+        let first = wrap_angle_f64(f64::from(beta) - f64::from(chord.alpha));
         let second = wrap_angle_f64(first + f64::from(r.phi));
         let heading = [
             wrap_angle((first - front[2]) as f32),
             wrap_angle((second - rear[2]) as f32),
         ];
         (front[2], rear[2]) = (first, second);
-        let half = 0.5 * (seen.baseline - length) / length;
+        let half = 0.5 * (chord.baseline - length) / length;
         for (k, by) in [half * x, half * y].into_iter().enumerate() {
             front[k] -= f64::from(by);
             rear[k] += f64::from(by);
         }
-        state.variance += self.growth(&seen, r, [ds1, ds2]);
+        state.variance += self.growth(&chord, r, [ds1, ds2]);
         Some(Correction {
             heading,
-            heading_variance: state.variance + seen.variance(self.lateral_variance),
+            heading_variance: state.variance + chord.variance(self.lateral_variance),
             gated: [false; 2],
         })
     }
 
     /// Growth of σ_β² over one interval.
-    fn growth(&self, seen: &Direction, r: &Posture, [ds1, ds2]: [f32; 2]) -> f32 {
-        let (sin1, cos1) = sin_cos(-seen.alpha);
-        let (sin2, cos2) = sin_cos(r.phi - seen.alpha);
+    fn growth(&self, chord: &Direction, r: &Posture, [ds1, ds2]: [f32; 2]) -> f32 {
+        let (sin1, cos1) = sin_cos(-chord.alpha);
+        let (sin2, cos2) = sin_cos(r.phi - chord.alpha);
         let (along1, along2) = (ds1 * cos1, ds2 * cos2);
         let gap = along1 - along2;
         ((sin1 * sin1 + sin2 * sin2) * self.step_variance
             + along2 * along2 * self.heading_variance
-            + gap * gap * seen.variance(self.lateral_variance))
-            / (seen.baseline * seen.baseline)
+            + gap * gap * chord.variance(self.lateral_variance))
+            / (chord.baseline * chord.baseline)
     }
 
     /// Correction weighted against the axles' own headings.
@@ -222,7 +222,7 @@ impl Ipec {
         own_variance: [f32; 2],
         r: &Posture,
     ) -> Option<([Posture; 2], Correction)> {
-        let seen = Direction::of(r)?;
+        let chord = Direction::of(r)?;
         let [mut first, mut second] = postures;
         let (x, y) = (second.x - first.x, second.y - first.y);
         if !(hypot(x, y) >= MIN_BASELINE_M) {
@@ -230,47 +230,47 @@ impl Ipec {
         }
         let beta = atan2(y, x);
         // Direction of the line by each axle's own heading, less β.
-        let opinion = [
-            wrap_angle(postures[0].phi + seen.alpha - beta),
-            wrap_angle(postures[1].phi - r.phi + seen.alpha - beta),
+        let deviation = [
+            wrap_angle(postures[0].phi + chord.alpha - beta),
+            wrap_angle(postures[1].phi - r.phi + chord.alpha - beta),
         ];
         let driven = 0.5 * (advance[0].abs() + advance[1].abs());
-        let line_variance = self.growth(&seen, r, advance) + self.drift_variance * driven + 1e-12;
+        let line_variance = self.growth(&chord, r, advance) + self.drift_variance * driven + 1e-12;
         // Noise of the beam's measurements at both ends of the interval.
-        let noise = 2.0 * (seen.variance(self.lateral_variance) + self.heading_variance);
+        let noise = 2.0 * (chord.variance(self.lateral_variance) + self.heading_variance);
         let mut gated = [false; 2];
         let (mut information, mut sum) = (1.0 / line_variance, 0.0);
         for i in 0..2 {
             let spread = own_variance[i] + line_variance + noise;
-            gated[i] = !(opinion[i] * opinion[i] <= self.gate * spread);
+            gated[i] = !(deviation[i] * deviation[i] <= self.gate * spread);
             if !gated[i] {
                 let weight = 1.0 / (own_variance[i] + 1e-12);
                 information += weight;
-                sum += weight * opinion[i];
+                sum += weight * deviation[i];
             }
         }
         if gated == [true; 2] {
-            let apart = opinion[0] - opinion[1];
+            let difference = deviation[0] - deviation[1];
             let spread = own_variance[0] + own_variance[1] + noise;
-            if !(apart * apart > self.gate * spread) {
+            if !(difference * difference > self.gate * spread) {
                 return None;
             }
         }
         let direction = beta + sum / information;
         let (sin, cos) = sin_cos(direction);
-        let half = 0.5 * seen.baseline;
+        let half = 0.5 * chord.baseline;
         let by = [half * cos - 0.5 * x, half * sin - 0.5 * y];
         (first.x, first.y) = (first.x - by[0], first.y - by[1]);
         (second.x, second.y) = (second.x + by[0], second.y + by[1]);
-        first.phi = wrap_angle(direction - seen.alpha);
-        second.phi = wrap_angle(direction - seen.alpha + r.phi);
+        first.phi = wrap_angle(direction - chord.alpha);
+        second.phi = wrap_angle(direction - chord.alpha + r.phi);
         let heading = [
             wrap_angle(first.phi - postures[0].phi),
             wrap_angle(second.phi - postures[1].phi),
         ];
         let correction = Correction {
             heading,
-            heading_variance: 1.0 / information + seen.variance(self.lateral_variance),
+            heading_variance: 1.0 / information + chord.variance(self.lateral_variance),
             gated,
         };
         Some(([first, second], correction))

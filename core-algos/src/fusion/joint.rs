@@ -35,8 +35,8 @@
 //! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
 //! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
 //! // The beam measures a left turn of the front axle: a true turn, or the zeros of its gauges.
-//! let seen = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
-//! let update = filter.update(&mut state, &seen, |nis| nis < 40.0);
+//! let measured = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
+//! let update = filter.update(&mut state, &measured, |nis| nis < 40.0);
 //! assert!((update.innovation[2] - 0.006).abs() < 1e-6);
 //! let turned = state.relative().posture.phi;
 //! let zero = state.constants()[constants::ZERO];
@@ -46,14 +46,14 @@
 //! ```
 
 mod config;
-mod doubt;
+mod inconsistency;
 mod motion;
 
 pub use config::Config;
-pub use doubt::Doubt;
+pub use inconsistency::InconsistentSensor;
 use motion::{IncrementError, Motion, carried, turned};
 
-use super::constants::{self, GAIN, GYRO_BIAS, OF_BEAM, Step, Tyres, ZERO};
+use super::constants::{self, GAIN, GYRO_BIAS, IncrementInputs, OF_BEAM, Tyres, ZERO};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
@@ -115,8 +115,8 @@ pub struct Joint {
     /// Variance of the considered turn of the robot per metre.
     steady_turn: f32,
     /// Variances of an axle's heading (rad²) and travel (m²) due to backlash.
-    play_heading: f32,
-    play_way: f32,
+    backlash_heading: f32,
+    backlash_position: f32,
 }
 
 /// State of the joint filter.
@@ -152,12 +152,12 @@ impl State {
         let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
         let (x, y) = (0.5 * r.x, 0.5 * r.y);
         // Tangent of the small angle between the chords before and after, taken as the angle.
-        let across = relative.x * r.y - relative.y * r.x;
-        let along = relative.x * r.x + relative.y * r.y;
+        let cross = relative.x * r.y - relative.y * r.x;
+        let dot = relative.x * r.x + relative.y * r.y;
         Posture::new(
             self.rear.x + cos * x - sin * y - before.x,
             self.rear.y + sin * x + cos * y - before.y,
-            wrap_angle(self.rear.phi - heading) + across / along,
+            wrap_angle(self.rear.phi - heading) + cross / dot,
         )
     }
 
@@ -231,10 +231,10 @@ impl State {
         // Covariance of a posture `q` in the rear axle's frame: the rear axle's error carried to `q`, the error of
         // `q` itself, and their cross-covariance.
         let seen_from_rear = |q: Posture, cross: &Mat3, own: &Mat3| {
-            let along = |by: &Mat3| matrix::transpose(by).map(|column| carried(&column, q));
+            let carry_columns = |by: &Mat3| matrix::transpose(by).map(|column| carried(&column, q));
             // Columns of A P and A C, with A the Jacobian that carries an error of the rear axle to `q`.
-            let (moved, common) = (along(&rear), along(cross));
-            let carried_twice = along(&moved);
+            let (moved, common) = (carry_columns(&rear), carry_columns(cross));
+            let carried_twice = carry_columns(&moved);
             let mut covariance = *own;
             for i in 0..3 {
                 for k in 0..3 {
@@ -360,7 +360,7 @@ impl Joint {
     ) {
         let dt = ticks * self.t;
         let [front_share, rear_share] = gyro_shares;
-        let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
+        let step = |axle: usize, moved: Posture, gyro_share: f32| IncrementInputs {
             axle,
             moved,
             relative_heading: state.loading,
@@ -378,14 +378,14 @@ impl Joint {
         for by in &mut state.by_considered {
             *by = matrix::apply(&by_rear, by);
         }
-        let way = step(1, rear.posture, rear_share).way(&self.tyres);
+        let distance = step(1, rear.posture, rear_share).mean_distance(&self.tyres);
         let [[east, minus_north, _], [north, ..], _] = state.world_from_rear();
         let (to_x, to_y) = (east * cos - north * sin, north * cos + east * sin);
         state.by_considered[2][2] += d2.x.abs();
         let floor = [[to_x, -to_y], [to_y, to_x]];
         for (by, direction) in state.by_considered.iter_mut().zip(floor) {
-            by[0] += way * direction[0];
-            by[1] += way * direction[1];
+            by[0] += distance * direction[0];
+            by[1] += distance * direction[1];
         }
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
@@ -468,7 +468,7 @@ impl Joint {
     }
 
     /// The increment corrected by the estimated constants, and the derivatives of its error.
-    fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
+    fn correct(&self, step: &IncrementInputs, state: &State) -> (Posture, IncrementError) {
         let by_constants = step.by_constants(&self.tyres);
         let ([x, y, phi], by_heading) = step.error(&self.tyres, &by_constants, &state.constants);
         let p = step.moved;
@@ -492,7 +492,7 @@ impl Joint {
         measured: &Estimate,
         accept: impl FnOnce(f32) -> bool,
     ) -> BeamUpdate {
-        let r = &matrix::add(&measured.covariance, &self.play(state.relative));
+        let r = &matrix::add(&measured.covariance, &self.backlash(state.relative));
         let by_constants = constants::beam_by_constants(state.relative);
         let mut innovation = measured.posture.minus(state.relative);
         for (i, by) in by_constants.iter().enumerate() {
@@ -507,27 +507,30 @@ impl Joint {
                 ..BeamUpdate::default()
             };
         }
-        let seen = state
+        let factors = state
             .covariance
-            .seen(REL, &OF_BEAM_STATES, &by_constants, r);
-        let left = seen
+            .innovation_factors(REL, &OF_BEAM_STATES, &by_constants, r);
+        let normalised = factors
             .as_ref()
             .map(|(factor, _)| solve_lower(factor, &innovation));
-        let nis = left.map_or(f32::INFINITY, |left| left.iter().map(|x| x * x).sum());
+        let nis = normalised.map_or(f32::INFINITY, |normalised| {
+            normalised.iter().map(|x| x * x).sum()
+        });
         let mut outcome = BeamUpdate {
             verdict: Verdict::Gated,
             innovation,
             nis,
         };
-        let (Some((_, told)), Some(left), true) = (seen, left, accept(nis)) else {
+        let (Some((_, root_gain)), Some(normalised), true) = (factors, normalised, accept(nis))
+        else {
             return outcome;
         };
         outcome.verdict = Verdict::Used;
-        state.covariance.take_off(&told);
+        state.covariance.subtract_update(&root_gain);
         let mut shift = [0.0; N];
-        for (told, left) in told.iter().zip(left) {
-            for (shift, told) in shift.iter_mut().zip(told) {
-                *shift += told * left;
+        for (root_gain, normalised) in root_gain.iter().zip(normalised) {
+            for (shift, root_gain) in shift.iter_mut().zip(root_gain) {
+                *shift += root_gain * normalised;
             }
         }
         self.shift(state, &shift);
@@ -535,14 +538,14 @@ impl Joint {
     }
 
     /// Covariance of the relative posture due to backlash in both axles.
-    fn play(&self, relative: Posture) -> Mat3 {
+    fn backlash(&self, relative: Posture) -> Mat3 {
         let mut covariance = [[0.0; 3]; 3];
         let (sin, cos) = sin_cos(relative.phi);
         for (by, variance) in [
-            ([cos, sin, 0.0], self.play_way),
-            ([0.0, 0.0, 1.0], self.play_heading),
-            ([1.0, 0.0, 0.0], self.play_way),
-            ([-relative.y, relative.x, 1.0], self.play_heading),
+            ([cos, sin, 0.0], self.backlash_position),
+            ([0.0, 0.0, 1.0], self.backlash_heading),
+            ([1.0, 0.0, 0.0], self.backlash_position),
+            ([-relative.y, relative.x, 1.0], self.backlash_heading),
         ] {
             add_outer(&mut covariance, &by, variance);
         }

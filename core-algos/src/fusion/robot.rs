@@ -309,7 +309,7 @@ impl RobotFusion {
             robot,
             heading: before,
             moved,
-            beam: seen,
+            beam: beam_state,
         } = state;
         *before = robot.phi;
         match tracks {
@@ -320,13 +320,13 @@ impl RobotFusion {
                 let [x, y, phi] = Chain::midpoint(f.posture, r.posture).posture.minus(was);
                 *moved = Posture::new(x, y, phi);
                 if let Some(beam) = beam {
-                    self.join(seen, [f, r], &beam, [&front, &rear], &mut output);
+                    self.join(beam_state, [f, r], &beam, [&front, &rear], &mut output);
                 }
                 output.front = f.estimate();
                 output.rear = r.estimate();
                 output.robot = match output.beam.verdict {
-                    Verdict::Used => self.middle(f, r, &seen.relative),
-                    _ => self.middle_unseen(f, r),
+                    Verdict::Used => self.middle(f, r, &beam_state.relative),
+                    _ => self.middle_without_beam(f, r),
                 };
             }
             Tracks::Joint(joint) => {
@@ -348,8 +348,8 @@ impl RobotFusion {
                 if let Some(beam) = beam {
                     output.beam = self
                         .joint
-                        .update(joint, &beam, |nis| self.accepts(seen, nis));
-                    self.count(seen, output.beam.verdict, &beam);
+                        .update(joint, &beam, |nis| self.accepts(beam_state, nis));
+                    self.count(beam_state, output.beam.verdict, &beam);
                 }
                 *until_condition = until_condition.saturating_sub(1);
                 let estimates = joint.estimates();
@@ -363,8 +363,10 @@ impl RobotFusion {
     }
 
     /// The part of the robot that the other sensors contradict.
-    pub fn doubt(&self, state: &State) -> Option<joint::Doubt> {
-        state.joint().and_then(|joint| self.joint.doubt(joint))
+    pub fn inconsistent_sensor(&self, state: &State) -> Option<joint::InconsistentSensor> {
+        state
+            .joint()
+            .and_then(|joint| self.joint.inconsistent_sensor(joint))
     }
 
     /// True if the mode uses the beam.
@@ -411,7 +413,7 @@ impl RobotFusion {
         floor_drift: f32,
     ) {
         let moved = into_departure(&increment.estimate);
-        let step = constants::Step {
+        let step = constants::IncrementInputs {
             axle,
             moved: moved.posture,
             relative_heading: heading,
@@ -425,14 +427,14 @@ impl RobotFusion {
                 row[track::SHARED + k] = by[k] * self.constants[k];
             }
         }
-        let [along, across, turning] = self.load;
+        let [forward, lateral, turning] = self.load;
         let first = track::LOAD + if axle == 0 { 0 } else { 3 };
-        error.constants[0][first] = along * step.dt;
-        error.constants[1][first + 1] = across * step.dt;
+        error.constants[0][first] = forward * step.dt;
+        error.constants[1][first + 1] = lateral * step.dt;
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // A posture and an increment compose like rear axle and relative posture.
-        *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
-        let drifted = floor_drift * step.way(self.joint.tyres());
+        *track = track.propagated(&Chain::front_from_rear(track.posture, step.moved), &error);
+        let drifted = floor_drift * step.mean_distance(self.joint.tyres());
         for k in 0..2 {
             track.constants[k][track::DRIFTED + k] += drifted;
         }
@@ -453,7 +455,7 @@ impl RobotFusion {
     /// Updates both axles by the beam, each with the other's value before the update.
     fn join(
         &self,
-        seen: &mut Beam,
+        beam_state: &mut Beam,
         [front, rear]: [&mut Track; 2],
         beam: &Estimate,
         increments: [&Slipping; 2],
@@ -486,7 +488,7 @@ impl RobotFusion {
             None => f32::INFINITY,
         };
         output.beam = joint::BeamUpdate {
-            verdict: if self.accepts(seen, nis) {
+            verdict: if self.accepts(beam_state, nis) {
                 Verdict::Used
             } else {
                 Verdict::Gated
@@ -494,17 +496,20 @@ impl RobotFusion {
             innovation,
             nis,
         };
-        self.count(seen, output.beam.verdict, beam);
+        self.count(beam_state, output.beam.verdict, beam);
         if output.beam.verdict != Verdict::Used {
             return;
         }
         if self.mode == Mode::IntersectionIpec {
-            let seen = beam.posture.inverse();
+            let rear_from_front = beam.posture.inverse();
             let own = increments.map(|increment| increment.heading_variance);
             let advance = increments.map(|increment| increment.advance);
-            let corrected = self
-                .ipec
-                .weigh([front.posture, rear.posture], advance, own, &seen);
+            let corrected = self.ipec.weigh(
+                [front.posture, rear.posture],
+                advance,
+                own,
+                &rear_from_front,
+            );
             if let Some(([f, r], correction)) = corrected {
                 front.posture = f;
                 rear.posture = r;
@@ -512,9 +517,9 @@ impl RobotFusion {
             }
         }
         let link = Chain::front_from_rear(rear.posture, beam.posture);
-        let front_by_rear = rear.through(&link, &relative);
+        let front_by_rear = rear.propagated(&link, &relative);
         let link = Chain::rear_from_front(front.posture, beam.posture);
-        let rear_by_front = front.through(&link, &relative);
+        let rear_by_front = front.propagated(&link, &relative);
         let fused = [
             front.intersect(&front_by_rear, &self.intersection),
             rear.intersect(&rear_by_front, &self.intersection),
@@ -530,19 +535,19 @@ impl RobotFusion {
     fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
         let relative = self.beam_track(beam);
         let link = Chain::midpoint_from_front(front.posture, beam.posture);
-        let by_front = front.through(&link, &relative);
+        let by_front = front.propagated(&link, &relative);
         let link = Chain::midpoint_from_rear(rear.posture, beam.posture);
-        let by_rear = rear.through(&link, &relative);
+        let by_rear = rear.propagated(&link, &relative);
         match by_front.intersect(&by_rear, &self.intersection) {
             Some((fused, _)) => fused.estimate(),
-            None => self.middle_unseen(front, rear),
+            None => self.middle_without_beam(front, rear),
         }
     }
 
     /// O halfway between the axles, without the beam.
-    fn middle_unseen(&self, front: &Track, rear: &Track) -> Estimate {
+    fn middle_without_beam(&self, front: &Track, rear: &Track) -> Estimate {
         let chain = Chain::midpoint(front.posture, rear.posture);
-        let mut middle = front.through(&chain, rear);
+        let mut middle = front.propagated(&chain, rear);
         if self.mode != Mode::Odometry {
             // Once joined, the random parts are correlated to an unknown degree.
             middle.random = matrix::scale(&middle.random, 2.0);
@@ -550,21 +555,21 @@ impl RobotFusion {
         middle.estimate()
     }
 
-    fn accepts(&self, seen: &Beam, nis: f32) -> bool {
+    fn accepts(&self, state: &Beam, nis: f32) -> bool {
         match self.beam_gate {
-            Some(gate) => nis <= gate || seen.rejected_in_a_row >= self.patience,
+            Some(gate) => nis <= gate || state.rejected_in_a_row >= self.patience,
             None => nis.is_finite(),
         }
     }
 
-    fn count(&self, seen: &mut Beam, verdict: Verdict, beam: &Estimate) {
+    fn count(&self, state: &mut Beam, verdict: Verdict, beam: &Estimate) {
         match verdict {
             Verdict::Used => {
-                seen.rejected_in_a_row = 0;
-                seen.relative = *beam;
+                state.rejected_in_a_row = 0;
+                state.relative = *beam;
             }
             Verdict::Gated => {
-                seen.rejected_in_a_row = seen.rejected_in_a_row.saturating_add(1);
+                state.rejected_in_a_row = state.rejected_in_a_row.saturating_add(1);
             }
             Verdict::Invalid | Verdict::Absent => {}
         }

@@ -74,7 +74,7 @@ impl Track {
 
     /// The posture at the end of a chain that begins at this one. `relative` is the chain's second input, with its
     /// error.
-    pub fn through(&self, chain: &Chain, relative: &Track) -> Self {
+    pub fn propagated(&self, chain: &Chain, relative: &Track) -> Self {
         Self {
             posture: chain.posture,
             random: matrix::add(

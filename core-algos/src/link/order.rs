@@ -2,7 +2,7 @@
 //!
 //! | order | reaction | refused if | reason |
 //! |---|---|---|---|
-//! | [`Order::Place`] | the node restarts at this posture | a number is not finite or out of range: not finite | the estimate needs a valid start |
+//! | [`Order::SetPose`] | the node restarts at this posture | a number is not finite or out of range: not finite | the estimate needs a valid start |
 //! | [`Order::Task`]: regulate | task begins | goal not finite, or tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: follow, track | task begins | tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: drive | task begins | curvature beyond the frame's bound by more than a thousandth: too tight; speed or curvature not finite: not finite | the governor would drive another curve |
@@ -11,7 +11,7 @@
 //! | [`Order::Lost`] | a moving robot stops | never | no host commands |
 
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
-pub use crate::node::lead::Place;
+pub use crate::node::lead::Placement;
 use crate::node::lead::{LeadNode, Task};
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +25,7 @@ pub const POINTS: usize = 8;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
     /// Sets the posture of the robot at rest. The nodes must not drive the motors.
-    Place(Place),
+    SetPose(Placement),
     /// Begins a task.
     Task(Task),
     /// Appends points to the path.
@@ -49,18 +49,18 @@ pub enum Order {
 impl Order {
     /// Applies the order to the lead node. Points after a refused point are dropped. Postures, goals, tolerances and
     /// speeds must be finite, and curvatures within the frame's limit.
-    pub fn carry_out(&self, lead: &mut LeadNode) -> Result<(), PathError> {
+    pub fn execute(&self, lead: &mut LeadNode) -> Result<(), PathError> {
         let bound = (1.0 + ROUNDING) * lead.cascade().max_curvature();
         let bends = |kappa: f32| match kappa.abs() > bound {
             true => Err(PathError::TooTight),
             false => Ok(()),
         };
         match self {
-            Self::Place(place) => match place.is_sound() {
-                true => lead.initialize(place),
+            Self::SetPose(placement) => match placement.is_sound() {
+                true => lead.initialize(placement),
                 false => return Err(PathError::NotFinite),
             },
-            Self::Lost => lead.lose_commander(),
+            Self::Lost => lead.on_host_lost(),
             Self::Task(task) => {
                 let finite = match *task {
                     Task::Regulate { goal, within } => goal.is_finite() && within.is_valid(),

@@ -7,7 +7,7 @@
 use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
 use super::lease::Stamp;
 use super::order::Order;
-pub use super::order::{POINTS, Place};
+pub use super::order::{POINTS, Placement};
 use crate::bus;
 use crate::control::path::PathError;
 use crate::node::lead::{self, LeadNode};
@@ -48,7 +48,7 @@ pub enum Request<'a> {
     /// Asks a driving board for a session with a rig: the board answers and resets. Its motors must be off.
     Rig,
     /// Ends the session: the board answers and resets.
-    Leave,
+    EndSession,
     /// A part of the encoded [`crate::node::robot::RobotConfig`].
     Configure {
         /// Length of the encoded configuration, bytes.
@@ -65,7 +65,7 @@ pub enum Request<'a> {
         /// First tick of the nodes, ms.
         tick: u32,
         /// Start posture of the robot, for the lead node.
-        place: Option<Place>,
+        place: Option<Placement>,
     },
     /// Order for the lead node. A driving board takes orders only from the host that holds its lease.
     Order {
@@ -325,7 +325,7 @@ pub enum Refusal<'a> {
     },
     /// The lead node refused the order: a point, posture, goal, tolerance, speed or curvature is invalid.
     Point(PathError),
-    /// Motors may be on. [`Request::Rig`] and [`Request::Record`] require motors off; [`Order::Place`] and changed or
+    /// Motors may be on. [`Request::Rig`] and [`Request::Record`] require motors off; [`Order::SetPose`] and changed or
     /// saved parameters require nodes not started or an axle without torque.
     Armed,
     /// No parameter has this index.

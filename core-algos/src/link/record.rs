@@ -176,14 +176,14 @@ impl Reference {
 mod tests {
     use super::*;
     use crate::fusion::Estimate;
-    use crate::link::order::Place;
+    use crate::link::order::Placement;
     use crate::math::Posture;
     use crate::safety::{Condition, Conditions};
 
     #[test]
     fn longest_entries_fit() {
         let sure = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.0), [0.5; 3]);
-        let place = Order::Place(Place {
+        let place = Order::SetPose(Placement {
             center: sure,
             relative: sure,
             floor_drift: 1.0,

@@ -5,14 +5,16 @@
 //!
 //! | event | values | source and "saved" of a value | reason |
 //! |---|---|---|---|
-//! | start of a board | values of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
+//! | start of a board | values of the store, by [`Contents::resolve`]; all defaults if no node can be built with them | source by the store; saved | |
 //! | value set | the value, if in range; unchanged otherwise | source unchanged; saved if the bits equal those after a reset | |
 //! | parameters saved | unchanged | source by the store; saved if the store holds the value | the store is read back |
 //! | no such index | refused: index | | |
 
 use super::protocol::{Refusal, Reply};
 use crate::config::ConfigError;
-use crate::params::{COUNT, Contents, Disarmed, Parameter, Report, Settings, TABLE, fingerprint};
+use crate::params::{
+    COUNT, Contents, Disarmed, Parameter, Settings, StoreReport, TABLE, fingerprint,
+};
 use crate::topology::Role;
 
 /// Contents to write to a store.
@@ -41,7 +43,7 @@ pub struct StoredParameters {
     role: Role,
     /// Values after a reset.
     stored: Settings,
-    report: Report,
+    report: StoreReport,
     /// Current values.
     settings: Settings,
 }
@@ -50,7 +52,7 @@ impl StoredParameters {
     /// Parameters of a board with an empty store.
     pub fn new(role: Role) -> Self {
         let base = Settings::of(role);
-        let (stored, report) = Contents::EMPTY.settle(&base, |_| Ok(()));
+        let (stored, report) = Contents::EMPTY.resolve(&base, |_| Ok(()));
         Self {
             role,
             stored,
@@ -69,7 +71,7 @@ impl StoredParameters {
     #[inline(never)]
     pub fn saved(&mut self, contents: &Contents) {
         let base = Settings::of(self.role);
-        (self.stored, self.report) = contents.settle(&base, |settings| settings.check(self.role));
+        (self.stored, self.report) = contents.resolve(&base, |settings| settings.check(self.role));
     }
 
     /// Role of the board.

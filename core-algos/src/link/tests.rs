@@ -1,13 +1,13 @@
-//! Tests of endpoint, protocol and framing together, from the host's side.
+//! Tests of simulation link, protocol and framing together, from the host's side.
 
-use super::endpoint::{Endpoint, Identity};
 use super::framing::{Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::lease::Stamp;
 use super::order::Order;
 use super::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
+use super::sim_link::{Identity, SimLink};
 use crate::bus;
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
@@ -35,9 +35,9 @@ pub(super) const STACK: StackUse = StackUse {
 /// Configuration of the nodes of driving boards.
 pub(super) static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-/// Host on a lossless link to an endpoint.
+/// Host on a lossless link to a session board.
 pub(super) struct Host {
-    pub(super) board: Endpoint,
+    pub(super) board: SimLink,
     pub(super) number: u8,
     /// Contents of the board's store, and its number of writes; a broken store is not written.
     pub(super) store: Contents,
@@ -92,13 +92,13 @@ impl Host {
     }
 
     /// Payload of the answer to a request with the next number.
-    pub(super) fn ask(&mut self, request: &Request) -> Vec<u8> {
+    pub(super) fn request(&mut self, request: &Request) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
         self.send(protocol::encode(self.number, request).unwrap().bytes())
     }
 
     pub(super) fn expect(&mut self, request: &Request, reply: Reply) {
-        let payload = self.ask(request);
+        let payload = self.request(request);
         assert_eq!(protocol::decode(&payload), Some((self.number, reply)));
     }
 
@@ -107,12 +107,12 @@ impl Host {
     }
 
     /// Sends a hello of this protocol version; returns the role in the reply.
-    pub(super) fn greet(&mut self, version: u16) -> Role {
+    pub(super) fn send_hello(&mut self, version: u16) -> Role {
         let request = Request::Hello {
             protocol: version,
             nonce: 9,
         };
-        let payload = self.ask(&request);
+        let payload = self.request(&request);
         let Some((
             _,
             Reply::Hello {
@@ -131,7 +131,7 @@ impl Host {
     }
 
     pub(super) fn hello(&mut self) {
-        self.greet(PROTOCOL);
+        self.send_hello(PROTOCOL);
     }
 
     /// Sends the configuration; returns its checksum.
@@ -151,7 +151,7 @@ impl Host {
         crc32c(bytes)
     }
 
-    pub(super) fn started(role: Role, config: &RobotConfig, place: Option<Place>) -> Self {
+    pub(super) fn started(role: Role, config: &RobotConfig, place: Option<Placement>) -> Self {
         let mut host = Self::new(role);
         host.hello();
         let hash = host.configure(config);
@@ -160,15 +160,15 @@ impl Host {
     }
 }
 
-pub(super) fn board(role: Role, contents: &Contents) -> Endpoint {
+pub(super) fn board(role: Role, contents: &Contents) -> SimLink {
     let build = "test build";
-    let mut board = Endpoint::new(Identity { build, role }, || STACK);
+    let mut board = SimLink::new(Identity { build, role }, || STACK);
     board.load(contents);
     board
 }
 
-pub(super) fn place() -> Place {
-    Place {
+pub(super) fn placement() -> Placement {
+    Placement {
         center: Estimate::with_sigmas(Posture::new(-1.0, -1.0, 0.2), [1e-3; 3]),
         relative: Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3; 3]),
         floor_drift: 0.01,
@@ -197,7 +197,7 @@ pub(super) fn is_axle_reply(payload: &[u8]) -> bool {
     matches!(reply, Some((_, Reply::Axle { .. })))
 }
 
-pub(super) fn start(hash: u32, tick: u32, place: Option<Place>) -> Request<'static> {
+pub(super) fn start(hash: u32, tick: u32, place: Option<Placement>) -> Request<'static> {
     Request::Start { hash, tick, place }
 }
 
@@ -227,10 +227,10 @@ fn bits(sent: &impl serde::Serialize) -> Vec<u8> {
 #[test]
 fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::LEAD, &config, Some(place()));
+    let mut host = Host::started(Role::LEAD, &config, Some(placement()));
     let mut board = Board::new(&config, Role::LEAD).unwrap();
     let lead = board.lead().unwrap();
-    lead.initialize(&place());
+    lead.initialize(&placement());
     let goal = Posture::ORIGIN;
     let command = Task::regulate(goal);
 
@@ -252,7 +252,7 @@ fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
         let output = board.step(now, &Samples::Axle(axle_samples(tick)), &mut outbox);
         let frames: Vec<_> = outbox.iter().map(|m| bus::encode(m).unwrap()).collect();
         waiting = echo(frames.iter().copied());
-        let payload = host.ask(&axle(tick, packed.bytes()));
+        let payload = host.request(&axle(tick, packed.bytes()));
         let Some((_, reply)) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };
@@ -297,7 +297,7 @@ fn a_repeated_request_is_answered_and_not_carried_out_again() {
     let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
     for tick in 0..300 {
         let request = axle(tick, &[]);
-        let first = host.ask(&request);
+        let first = host.request(&request);
         let after = host.board.board().cloned();
         let frame = protocol::encode(host.number, &request).unwrap();
         for _ in 0..tick % 3 {
@@ -330,7 +330,7 @@ fn either_side_may_restart() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::axle(1), &config, None);
     for k in 0..20 {
-        host.ask(&axle(k, &[]));
+        host.request(&axle(k, &[]));
     }
     // A restarted board refuses requests until a hello.
     host.reset(Role::axle(1));
@@ -339,7 +339,7 @@ fn either_side_may_restart() {
     host.refused(&axle(20, &[]), Refusal::NotStarted);
     let hash = host.configure(&config);
     host.expect(&start(hash, 20, None), Reply::Done);
-    assert!(is_axle_reply(&host.ask(&axle(20, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(20, &[]))));
     // A restarted host: after a hello, a used number is a new request.
     let last = host.number;
     host.number = last - 1;
@@ -395,7 +395,7 @@ pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
 fn million_damaged_streams_pass_no_wrong_frame() {
     const STREAMS: u32 = 1_000_000;
     let mut random = Random::new(11);
-    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(placement()));
     let mut originals: Vec<Vec<u8>> = Vec::new();
     let frames: Vec<SerialFrame> = (0..16)
         .map(|k| {
@@ -447,7 +447,7 @@ fn million_damaged_streams_pass_no_wrong_frame() {
                 last_byte += u32::from(crc32c(payload).to_le_bytes()[3] == *last);
             }
         }
-        // The endpoint receives the same bytes.
+        // The board receives the same bytes.
         if stream % 8 == 0 {
             host.send(&bytes);
         }
@@ -472,7 +472,7 @@ fn million_damaged_streams_pass_no_wrong_frame() {
 fn random_request_is_always_answered() {
     let mut random = Random::new(12);
     for role in Topology::PAIR.boards() {
-        let mut host = Host::started(role, &RobotConfig::default(), Some(place()));
+        let mut host = Host::started(role, &RobotConfig::default(), Some(placement()));
         let mut answered = 0;
         for round in 0..60_000 {
             let length = 2 + below(&mut random, 60);
@@ -485,7 +485,7 @@ fn random_request_is_always_answered() {
             let answer = host.send(SerialFrame::new(&payload).unwrap().bytes());
             answered += u32::from(protocol::decode::<Reply>(&answer).is_some());
             if round % 500 == 0 {
-                host = Host::started(role, &RobotConfig::default(), Some(place()));
+                host = Host::started(role, &RobotConfig::default(), Some(placement()));
             }
         }
         assert_eq!(answered, 60_000);
@@ -512,7 +512,7 @@ fn session_ends_only_when_the_host_leaves() {
     let mut host = Host::new(Role::axle(1));
     host.hello();
     host.expect(&Request::Rig, Reply::Done);
-    assert!(!host.board.has_left());
-    host.expect(&Request::Leave, Reply::Done);
-    assert!(host.board.has_left());
+    assert!(!host.board.has_ended());
+    host.expect(&Request::EndSession, Reply::Done);
+    assert!(host.board.has_ended());
 }

@@ -11,12 +11,12 @@
 //! itself, along the path it is on, and switches its motors off; with any number that is not finite
 //! the torques are zero at once.
 
+mod backlash;
 mod config;
-mod play;
 mod watch;
 
+use backlash::Backlash;
 pub use config::{Config, FrameProperties, Limits, SpeedSource};
-use play::Play;
 
 use super::Outbox;
 use super::peers::{self, Peers};
@@ -80,7 +80,7 @@ struct Stop {
 
 impl Stop {
     /// Bounds the torques during the release and keeps their ratio.
-    fn let_go(&mut self, torque_nm: &mut Wheels<f32>) {
+    fn bound_release(&mut self, torque_nm: &mut Wheels<f32>) {
         let largest = torque_nm.left.abs().max(torque_nm.right.abs());
         if self.hold >= 1.0 {
             self.held_nm = largest;
@@ -116,7 +116,7 @@ pub struct State {
     peers: Peers,
     supervisor: supervisor::State,
     /// Backlash of the gears, left and right.
-    play: [Play; 2],
+    backlash: [Backlash; 2],
     refused: u8,
     gyro_samples: u8,
     gyro_zeroed: bool,
@@ -292,7 +292,7 @@ impl AxleNode {
             self.control(now, speeds, reference)
         });
         if let Some(stop) = &mut self.state.stop {
-            stop.let_go(&mut self.state.output.torque_nm);
+            stop.bound_release(&mut self.state.output.torque_nm);
         }
         self.state.output
     }
@@ -398,8 +398,8 @@ impl AxleNode {
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
-        for (play, torque) in state.play.iter_mut().zip(state.output.torque_nm.list()) {
-            play.step(torque);
+        for (backlash, torque) in state.backlash.iter_mut().zip(state.output.torque_nm.list()) {
+            backlash.step(torque);
         }
         let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);
         let motors_on = state.output.active;
@@ -455,8 +455,8 @@ impl AxleNode {
         let increment = self.state.filter.take_increment();
         let twist = self.state.filter.twist();
         let wheels_share = 1.0 - share_of_epoch(self.state.gyro_samples);
-        let [left, right] = self.state.play.each_mut().map(Play::take_variance);
-        let covariance = play::add(
+        let [left, right] = self.state.backlash.each_mut().map(Backlash::take_variance);
+        let covariance = backlash::add(
             increment.covariance,
             [left, right],
             self.half_track,

@@ -157,7 +157,7 @@ impl BeamNode {
             gauges: estimate.used.count() as u8,
         });
         if let Some(wrench) = estimate.wrench {
-            let wrench = wrench.vouched(relative.posture);
+            let wrench = wrench.significant(relative.posture);
             outbox.push(Message::BeamWrench {
                 frame,
                 sequence,
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn conditions_of_the_drivers_are_in_the_heartbeat() {
         let mut node = node();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for tick in 1..=100u64 {
             let mut samples = Samples::from([2048; MAX_GAUGES]);
             if tick == 15 {
@@ -280,14 +280,14 @@ mod tests {
                     ..
                 } = *message
                 {
-                    told.push((tick, state, reason, notices));
+                    reported.push((tick, state, reason, notices));
                 }
             }
         }
         node.restart();
         assert_eq!(node, self::node());
         let code = Condition::Restarted.code();
-        for (tick, state, reason, notices) in told {
+        for (tick, state, reason, notices) in reported {
             let faulty = (20..60).contains(&tick);
             let expected = if faulty { code } else { 0 };
             assert_eq!((reason, state == OperatingState::Fault), (expected, faulty));

@@ -269,13 +269,15 @@ mod tests {
     fn restarted_board_equals_a_new_board() {
         use crate::control::path::PathPoint;
         use crate::math::Posture;
-        use crate::node::robot::Told;
+        use crate::node::robot::ConfiguredPlacement;
         for role in Topology::PAIR.boards() {
             let new = Board::new(&RobotConfig::default(), role).unwrap();
             let mut board = new.clone();
             if let Some(lead) = board.lead() {
                 let place = Posture::new(1.0, 0.0, 0.0);
-                lead.initialize(&RobotConfig::default().put_down(place, &Told::default()));
+                lead.initialize(
+                    &RobotConfig::default().placement(place, &ConfiguredPlacement::default()),
+                );
                 lead.path_task()
                     .push_path_point(PathPoint::default())
                     .unwrap();
@@ -336,14 +338,14 @@ mod tests {
     #[test]
     fn lead_node_prepares_ahead_between_its_steps() {
         use crate::math::Posture;
-        use crate::node::robot::Told;
+        use crate::node::robot::ConfiguredPlacement;
         use crate::node::testing::{axle_report, beat};
         use crate::safety::OperatingState;
         use crate::topology::Node;
         let config = RobotConfig::default();
         let mut board = Board::new(&config, Role::LEAD).unwrap();
         let lead = board.lead().unwrap();
-        lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
+        lead.initialize(&config.placement(Posture::ORIGIN, &ConfiguredPlacement::default()));
         lead.command(lead::Task::regulate(Posture::new(-1.0, 0.5, 0.0)));
         let Board::Axle {
             mut axle,

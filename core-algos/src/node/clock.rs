@@ -172,7 +172,7 @@ mod tests {
     use crate::fusion::testing::Random;
 
     /// Two clocks and the bus between them, in true time (µs, double precision).
-    struct Bench {
+    struct ClockBench {
         random: Random,
         /// Local time of the follower: `offset + (1 + rate) t`.
         offset: f64,
@@ -180,7 +180,7 @@ mod tests {
         last_delay: Option<u16>,
     }
 
-    impl Bench {
+    impl ClockBench {
         fn local(&self, common: f64) -> Micros {
             (self.offset + (1.0 + self.rate) * common) as Micros
         }
@@ -211,8 +211,8 @@ mod tests {
         }
     }
 
-    fn bench(offset: f64, rate: f64) -> Bench {
-        Bench {
+    fn bench(offset: f64, rate: f64) -> ClockBench {
+        ClockBench {
             random: Random::new(11),
             offset,
             rate,

@@ -25,7 +25,7 @@ mod watch;
 
 pub use config::{Algorithms, Config, Limits};
 use pair::{Fused, Pair};
-pub use task::{Activity, Place, Task};
+pub use task::{Activity, Placement, Task};
 use track::AxleTrack;
 
 use super::Outbox;
@@ -33,8 +33,8 @@ use super::path_task;
 use super::peers::{self, Peers};
 use crate::bus::LeadMode;
 use crate::control::cascade::{Cascade, Motion};
-use crate::control::controller::{KinematicController, Memory, Own};
-use crate::control::governor::{self, Wish};
+use crate::control::controller::{CustomController, KinematicController, Memory};
+use crate::control::governor::{self, GovernorInput};
 use crate::control::regulator::{self, Phase};
 use crate::fusion::robot;
 use crate::math::{Posture, Transform, Twist};
@@ -70,7 +70,7 @@ const ARMING: Micros = 300_000;
 /// Speed and yaw rate below which an axle counts as at rest before the robot drives, m/s, rad/s.
 const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which an unpowered frame has relaxed, rad.
-const LET_GO: f32 = 0.05;
+const RELAXED_RAD: f32 = 0.05;
 
 /// Running mean of the beam's normalised innovation squared (NIS): weight of the latest value, largest value that
 /// counts, and mean above which the beam is inconsistent. The mean is 0.1 to 0.5, since the beam's covariance is that
@@ -154,8 +154,8 @@ impl State {
 /// Decision of the task at a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Decision {
-    /// Wish for the governor; `None` brakes.
-    wish: Option<Wish>,
+    /// Input of the governor; `None` brakes.
+    governor_input: Option<GovernorInput>,
     mode: LeadMode,
     phase: Phase,
     target: Option<Posture>,
@@ -172,10 +172,10 @@ fn active_until(done: bool) -> LeadMode {
     }
 }
 
-impl From<path_task::Step> for Decision {
-    fn from(step: path_task::Step) -> Self {
+impl From<path_task::PathStep> for Decision {
+    fn from(step: path_task::PathStep) -> Self {
         Self {
-            wish: step.wish,
+            governor_input: step.governor_input,
             mode: active_until(step.done),
             phase: Phase::default(),
             target: step.target,
@@ -189,7 +189,7 @@ impl From<path_task::Step> for Decision {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     with: Algorithms,
-    own: Own,
+    own: CustomController,
     /// Kept outside the state, which passes over the stack: the buffers are three times as large.
     path_task: path_task::State,
     state: State,
@@ -200,7 +200,7 @@ impl LeadNode {
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
-            own: Own::default(),
+            own: CustomController::default(),
             path_task: path_task::State::EMPTY,
             state: State::default(),
         }
@@ -208,7 +208,7 @@ impl LeadNode {
 
     /// Replaces the regulator by a controller of the user.
     pub fn set_controller(&mut self, controller: &'static dyn KinematicController) {
-        self.own = Own(Some(controller));
+        self.own = CustomController(Some(controller));
     }
 
     /// Resets the node to the state of [`Self::new`], with the same controller.
@@ -217,12 +217,16 @@ impl LeadNode {
         self.state = State::default();
     }
 
-    /// Restarts with the robot at rest at `place`.
-    pub fn initialize(&mut self, place: &Place) {
+    /// Restarts with the robot at rest at `placement`.
+    pub fn initialize(&mut self, placement: &Placement) {
         self.restart();
-        let (center, relative) = (&place.center, &place.relative);
+        let (center, relative) = (&placement.center, &placement.relative);
         let [pair] = &mut self.state.pairs;
-        pair.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
+        pair.fusion = Some(
+            self.with
+                .fusion
+                .start(center, relative, placement.floor_drift),
+        );
     }
 
     /// State of the second tier of fusion; `None` before the start.
@@ -337,8 +341,11 @@ impl LeadNode {
                 self.at_end(decision, fused.robot().posture)
             }
         };
-        match decision.wish {
-            Some(wish) => self.with.governor.step(&mut self.state.governor, &wish),
+        match decision.governor_input {
+            Some(governor_input) => self
+                .with
+                .governor
+                .step(&mut self.state.governor, &governor_input),
             None => self.with.governor.stop(&mut self.state.governor),
         }
         let motion = self.state.governor.motion;
@@ -434,7 +441,11 @@ impl LeadNode {
                     false => Condition::GaveUp,
                 };
                 Decision {
-                    wish: Some(Wish::from_curvature(&self.with.cascade, v, kappa)),
+                    governor_input: Some(GovernorInput::from_curvature(
+                        &self.with.cascade,
+                        v,
+                        kappa,
+                    )),
                     mode: active_until(done),
                     phase,
                     done,
@@ -448,9 +459,10 @@ impl LeadNode {
             } => {
                 let alive = !state.is_silent();
                 let done = !alive && motion.v.abs() < REST_M_S;
-                let wish = || Wish::from_curvature(&self.with.cascade, speed_m_s, curvature);
+                let governor_input =
+                    || GovernorInput::from_curvature(&self.with.cascade, speed_m_s, curvature);
                 Decision {
-                    wish: alive.then(wish),
+                    governor_input: alive.then(governor_input),
                     mode: active_until(done),
                     done,
                     ..Decision::default()

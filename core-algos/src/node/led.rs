@@ -55,7 +55,7 @@ pub struct Led {
 impl Led {
     /// Takes in a message that the board sends. The heartbeat of its node sets the pattern; the heartbeat of a lead
     /// node on the same board does not count.
-    pub fn see(&mut self, message: &Message) {
+    pub fn receive(&mut self, message: &Message) {
         if let Message::NodeStatus {
             node,
             state,
@@ -102,7 +102,7 @@ mod tests {
 
     fn led(node: Node, state: OperatingState, reason: u8) -> Led {
         let mut led = Led::default();
-        led.see(&beat(node, 0, state, reason));
+        led.receive(&beat(node, 0, state, reason));
         led
     }
 

@@ -33,7 +33,7 @@
 
 use crate::config::{ConfigError, declare};
 use crate::control::cascade::{Cascade, Motion};
-use crate::control::governor::Wish;
+use crate::control::governor::GovernorInput;
 use crate::control::kinematic;
 use crate::control::path::{
     self, Follower, PathBuffer, PathError, PathPoint, Progress, Tracker, TrajectoryBuffer,
@@ -202,9 +202,9 @@ impl State {
 
 /// Output of the path task at an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Step {
-    /// Wish for the governor; `None`: brake and keep the bend.
-    pub wish: Option<Wish>,
+pub struct PathStep {
+    /// Input of the governor; `None`: brake and keep the bend.
+    pub governor_input: Option<GovernorInput>,
     /// Target posture of O; `None` without a path.
     pub target: Option<Posture>,
     /// The end has been reached and the robot is at rest.
@@ -240,20 +240,20 @@ impl PathTask {
         center: impl Into<Transform>,
         within: &Tolerance,
         motion: &Motion,
-    ) -> Step {
+    ) -> PathStep {
         let center = center.into();
         let step = self
             .follower
             .step(&state.progress, &state.path, center.posture);
         let Some((progress, reference)) = step else {
-            return Step::default();
+            return PathStep::default();
         };
         state.progress = progress;
         state.path.discard_before(progress.s);
         if self.loses(state, center.posture, reference.target) {
-            return Step::default();
+            return PathStep::default();
         }
-        let wish = self.follower.wish(center, &reference);
+        let governor_input = self.follower.governor_input(center, &reference);
         let complete = state.path.is_complete();
         // A loop ends where it begins: the distance along the path counts.
         let last = complete && state.path.end() - progress.s <= within.position_m;
@@ -262,8 +262,14 @@ impl PathTask {
             end: last.then(|| state.path.last_posture()),
             asked: complete || reference.reference.v > MOVING_M_S,
         };
-        let step = self.conclude(state, &course, (center.posture, within), wish, motion);
-        Step {
+        let step = self.conclude(
+            state,
+            &course,
+            (center.posture, within),
+            governor_input,
+            motion,
+        );
+        PathStep {
             target: Some(reference.target),
             ..step
         }
@@ -278,31 +284,37 @@ impl PathTask {
         center: impl Into<Transform>,
         within: &Tolerance,
         motion: &Motion,
-    ) -> Step {
+    ) -> PathStep {
         let center = center.into();
         if state.trajectory.is_empty() {
-            return Step::default();
+            return PathStep::default();
         }
         // Earlier points have been dropped: a task given again continues where it stopped.
         let begin = state.trajectory.start();
         let (start, first) = *state.start.get_or_insert((epoch, begin));
         let time = first + seconds(epoch.saturating_sub(start));
         let Some(reference) = self.tracker.at(&state.trajectory, time) else {
-            return Step::default();
+            return PathStep::default();
         };
         state.trajectory.discard_before(time);
         if self.loses(state, center.posture, reference.target) {
-            return Step::default();
+            return PathStep::default();
         }
-        let wish = self.tracker.wish(center, &reference);
+        let governor_input = self.tracker.governor_input(center, &reference);
         let finished = reference.finished && state.trajectory.is_complete();
         let course = Course {
             finished,
             end: finished.then(|| state.trajectory.last_posture()),
             asked: finished || reference.reference.v > MOVING_M_S,
         };
-        let step = self.conclude(state, &course, (center.posture, within), wish, motion);
-        Step {
+        let step = self.conclude(
+            state,
+            &course,
+            (center.posture, within),
+            governor_input,
+            motion,
+        );
+        PathStep {
             target: Some(reference.target),
             ..step
         }
@@ -322,16 +334,16 @@ impl PathTask {
         state: &mut State,
         course: &Course,
         (center, within): (Posture, &Tolerance),
-        wish: Wish,
+        governor_input: GovernorInput,
         motion: &Motion,
-    ) -> Step {
-        let faded = wish.v.abs().max(motion.v.abs()) <= self.rest_speed;
+    ) -> PathStep {
+        let faded = governor_input.v.abs().max(motion.v.abs()) <= self.rest_speed;
         let asked = course.asked && !state.resting;
         let still = state.stuck.step(asked, center, seconds(EPOCH));
         let near = course.end.is_some_and(|end| within.is_near(center, end));
         state.resting |= (course.finished && faded) || (near && still >= REST_S);
-        Step {
-            wish: (!state.resting).then_some(wish),
+        PathStep {
+            governor_input: (!state.resting).then_some(governor_input),
             target: None,
             done: state.resting && motion.v == 0.0 && motion.psi_rate == 0.0,
             stuck: still >= STUCK_S,

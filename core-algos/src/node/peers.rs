@@ -39,7 +39,7 @@ impl Heartbeat {
 /// The latest heartbeat of every node that drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Peers {
-    heard: [Option<Stamped<Heartbeat>>; MOST],
+    heartbeats: [Option<Stamped<Heartbeat>>; MOST],
 }
 
 impl Peers {
@@ -51,24 +51,27 @@ impl Peers {
             reason,
             ..
         } = *message
-            && let Some(slot) = self.heard.get_mut(place(node))
+            && let Some(slot) = self.heartbeats.get_mut(place(node))
         {
             *slot = Some(Stamped::new(Heartbeat { state, reason }, now));
         }
     }
 
     /// The latest heartbeat of a node; `None` if it is older than the timeout or never arrived.
-    fn heard(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
-        self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
+    fn latest(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
+        self.heartbeats
+            .get(place(node))?
+            .as_ref()?
+            .fresh(now, TIMEOUT)
     }
 
     /// Two flags of the axles except the node `own`: an axle is lost, an axle has failed.
     pub fn others(&self, own: Node, topology: Topology, now: Micros) -> (bool, bool) {
         let (mut lost, mut failed) = (false, false);
-        let axles = self.heard.iter().skip(1).zip(topology.axles());
-        for (heard, axle) in axles {
+        let axles = self.heartbeats.iter().skip(1).zip(topology.axles());
+        for (heartbeat, axle) in axles {
             if Node::Axle(axle) != own {
-                match heard.as_ref().and_then(|heard| heard.fresh(now, TIMEOUT)) {
+                match heartbeat.as_ref().and_then(|beat| beat.fresh(now, TIMEOUT)) {
                     Some(beat) => failed |= beat.failed(),
                     None => lost = true,
                 }
@@ -80,12 +83,12 @@ impl Peers {
     /// True if the node reports *boot* or *idle*: motors off and not armed.
     pub fn rests(&self, node: Node, now: Micros) -> bool {
         let rests = |state| matches!(state, OperatingState::Boot | OperatingState::Idle);
-        self.heard(node, now).is_some_and(|beat| rests(beat.state))
+        self.latest(node, now).is_some_and(|beat| rests(beat.state))
     }
 
     /// True if the node reports that it is stopping or has stopped for a reason.
     pub fn failed(&self, node: Node, now: Micros) -> bool {
-        self.heard(node, now).is_some_and(Heartbeat::failed)
+        self.latest(node, now).is_some_and(Heartbeat::failed)
     }
 }
 
@@ -96,7 +99,7 @@ pub fn heartbeat(node: Node, now: Micros, state: &mut supervisor::State) -> Mess
         sequence: sequence(now),
         state: state.operating(),
         reason: state.first().map_or(0, |condition| condition.code()),
-        notices: state.take_seen().soft(),
+        notices: state.take_occurred().soft(),
     }
 }
 

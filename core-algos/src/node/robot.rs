@@ -4,7 +4,7 @@
 //! a robot, [`RobotConfig::completed`] fills these fields from [`Geometry`] and [`Limits`], so that each dimension is
 //! configured once.
 
-use super::lead::Place;
+use super::lead::Placement;
 use super::{axle, beam, lead};
 use crate::beam::sensor;
 use crate::config::{Allowed, ConfigError, declare};
@@ -84,7 +84,7 @@ pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct Told {
+pub struct ConfiguredPlacement {
     /// Standard deviation of the start along each axis, m.
     pub placement_m: f32,
     /// Standard deviation of the start's heading, rad.
@@ -93,7 +93,7 @@ pub struct Told {
     pub floor_drift: f32,
 }
 
-impl Default for Told {
+impl Default for ConfiguredPlacement {
     /// Placed by eye on a thick carpet.
     fn default() -> Self {
         Self {
@@ -169,24 +169,24 @@ impl RobotConfig {
         self.lead.regulator.speed_lag_s = 1.0 / self.lead.governor.speed_rate_per_s;
         self.lead.regulator.limits.max_speed_m_s = max_speed_m_s;
         self.lead.regulator.limits.max_steering_rad = max_steering_rad;
-        let along = &mut self.lead.course.path;
-        along.max_speed_m_s = along.max_speed_m_s.min(max_speed_m_s);
+        let path = &mut self.lead.course.path;
+        path.max_speed_m_s = path.max_speed_m_s.min(max_speed_m_s);
         self
     }
 
     /// Placement of the robot with its midpoint at `start` and its frame straight.
-    pub fn put_down(&self, start: Posture, told: &Told) -> Place {
+    pub fn placement(&self, start: Posture, configured: &ConfiguredPlacement) -> Placement {
         let geometry = &self.geometry;
         let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
         let [position, heading] =
-            [told.placement_m, told.placement_rad].map(|sigma| sigma.max(EXACT));
-        Place {
+            [configured.placement_m, configured.placement_rad].map(|sigma| sigma.max(EXACT));
+        Placement {
             center: Estimate::with_sigmas(start, [position, position, heading]),
             relative: Estimate::with_sigmas(
                 Posture::new(straight_m, 0.0, 0.0),
                 self.lead.fusion.frame_sigmas,
             ),
-            floor_drift: told.floor_drift,
+            floor_drift: configured.floor_drift,
         }
     }
 
@@ -299,18 +299,18 @@ mod tests {
         near(completed.lead.cascade.rigid_end_m, 0.05);
         near(completed.beam.strip.length_m, 0.4);
         near(completed.lead.governor.half_track_m, 0.2);
-        let exact = Told {
+        let exact = ConfiguredPlacement {
             placement_m: 0.0,
             placement_rad: 0.0,
-            ..Told::default()
+            ..ConfiguredPlacement::default()
         };
-        let certain = config.put_down(START, &exact).center.covariance;
+        let certain = config.placement(START, &exact).center.covariance;
         assert!((0..3).all(|i| certain[i][i] > 0.0), "{certain:?}");
-        let place = config.put_down(START, &Told::default());
-        near(place.relative.posture.x, 0.5);
-        near(place.center.posture.x, -1.342);
-        near(place.center.posture.y, -1.342);
-        let variances = [0, 1, 2].map(|i| place.center.covariance[i][i]);
+        let placement = config.placement(START, &ConfiguredPlacement::default());
+        near(placement.relative.posture.x, 0.5);
+        near(placement.center.posture.x, -1.342);
+        near(placement.center.posture.y, -1.342);
+        let variances = [0, 1, 2].map(|i| placement.center.covariance[i][i]);
         for (found, expected) in variances.into_iter().zip([25e-6, 25e-6, 1e-4]) {
             near(found, expected);
         }
@@ -382,12 +382,12 @@ mod tests {
             let sigmas = [beam.zero_rad, beam.zero_tilt_m];
             for (i, row) in [1, 2].into_iter().enumerate() {
                 for (j, column) in [1, 2].into_iter().enumerate() {
-                    let told: f32 = (0..2)
+                    let stated: f32 = (0..2)
                         .map(|k| sigmas[k] * sigmas[k] * by[row][k] * by[column][k])
                         .sum();
                     let scale = (p[i][i] * p[j][j]).sqrt();
-                    let error = (told - p[i][j]).abs() / scale;
-                    assert!(error < 0.1, "{curvature} {i}{j} {told:e} {p:?}");
+                    let error = (stated - p[i][j]).abs() / scale;
+                    assert!(error < 0.1, "{curvature} {i}{j} {stated:e} {p:?}");
                 }
             }
         }

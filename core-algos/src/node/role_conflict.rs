@@ -100,7 +100,7 @@ mod tests {
         let mut conflict = RoleConflict::new(Role::axle(1));
         assert!(!conflict.is_present(0));
         conflict.receive(7, &status(Node::axle(1)));
-        let seen = [7, 1_000_006, 1_000_007].map(|local| conflict.is_present(local));
-        assert_eq!(seen, [true, true, false]);
+        let present = [7, 1_000_006, 1_000_007].map(|local| conflict.is_present(local));
+        assert_eq!(present, [true, true, false]);
     }
 }

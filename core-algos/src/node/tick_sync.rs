@@ -18,7 +18,7 @@ const PASSED_OVER: Micros = 5 * TICK;
 
 /// Action of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum TickStep {
     /// The common time is not known or the tick is not in step with it: nothing may be driven.
     Wait,
     /// Run the nodes at this common time.
@@ -75,7 +75,7 @@ impl TickSync {
     }
 
     /// The tick of local time `local`.
-    pub fn step(&mut self, local: Micros) -> Step {
+    pub fn step(&mut self, local: Micros) -> TickStep {
         let common = match &self.clock {
             None => Some(local),
             Some(clock) => clock.common(local),
@@ -88,22 +88,22 @@ impl TickSync {
         self.in_step = now.is_some();
         self.conditions = Conditions::NONE;
         let Some(now) = now else {
-            return Step::Wait;
+            return TickStep::Wait;
         };
         let last = self.last.replace(now);
         let passed = last.map_or(TICK, |last| now.saturating_sub(last));
         if passed == TICK {
-            Step::Run(now)
+            TickStep::Run(now)
         } else if passed > TICK && passed <= PASSED_OVER {
             let missed = (passed / TICK - 1) as u16;
             self.missed = self.missed.saturating_add(missed);
             self.conditions.set(Condition::TickLate, true);
             self.conditions.set(Condition::TickOverrun, true);
-            Step::Run(now)
+            TickStep::Run(now)
         } else {
             self.restarts = self.restarts.saturating_add(1);
             self.conditions.set(Condition::ClockStepped, true);
-            Step::Restart(now)
+            TickStep::Restart(now)
         }
     }
 

@@ -30,7 +30,7 @@ pub mod stored;
 pub mod table;
 
 pub use drive::Drive;
-pub use stored::{Contents, Item, Report, Source};
+pub use stored::{Contents, Item, Source, StoreReport};
 pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};

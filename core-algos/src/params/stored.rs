@@ -121,7 +121,7 @@ impl Source {
 
 /// Result of reading the parameters after a start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
+pub struct StoreReport {
     /// Source of each parameter, in the order of the table.
     pub sources: [Source; COUNT],
     /// The manifest of the last save is missing, or a store that is not blank has no readable item: values may be lost.
@@ -130,7 +130,7 @@ pub struct Report {
     pub unusable: Option<ConfigError>,
 }
 
-impl Default for Report {
+impl Default for StoreReport {
     /// Nothing is stored.
     fn default() -> Self {
         Self {
@@ -141,7 +141,7 @@ impl Default for Report {
     }
 }
 
-impl Report {
+impl StoreReport {
     /// Number of parameters that have their default although a value was stored.
     pub fn defaults(&self) -> usize {
         match self.unusable {
@@ -248,11 +248,11 @@ impl Contents {
 
     /// Settings of a board after a start: `base` with the usable stored values. If `check` refuses the result, `base`
     /// is used unchanged.
-    pub fn settle(
+    pub fn resolve(
         &self,
         base: &Settings,
         check: impl Fn(&Settings) -> Result<(), ConfigError>,
-    ) -> (Settings, Report) {
+    ) -> (Settings, StoreReport) {
         let mut settings = *base;
         let mut sources = [Source::Default; COUNT];
         for ((parameter, item), source) in TABLE.iter().zip(&self.items).zip(&mut sources) {
@@ -266,7 +266,7 @@ impl Contents {
         let listed = self.manifest.map_or(0, |manifest| manifest.generation);
         let unverified = self.newest > listed || self.unreadable;
         let unusable = check(&settings).err();
-        let report = Report {
+        let report = StoreReport {
             sources,
             unverified,
             unusable,

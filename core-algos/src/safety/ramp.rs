@@ -179,11 +179,11 @@ mod tests {
         let rear = Posture::new(-0.5 * chord as f32, 0.0, -psi as f32);
         let mut states =
             [front, rear].map(|p| ramp.begin(p, speed as f32, Steering(psi as f32), length as f32));
-        let (mut way, mut middle) = (0.0, [0.0; 2]);
+        let (mut distance, mut middle) = (0.0, [0.0; 2]);
         for _ in 0..1200 {
             let [a, b] = states.each_mut().map(|state| ramp.step(state, 1e-3));
             let at = [a.posture.x + b.posture.x, a.posture.y + b.posture.y].map(f64::from);
-            way += (at[0] - middle[0]).hypot(at[1] - middle[1]);
+            distance += (at[0] - middle[0]).hypot(at[1] - middle[1]);
             middle = at;
             let d = [a.posture.x - b.posture.x, a.posture.y - b.posture.y].map(f64::from);
             assert!((d[0].hypot(d[1]) - chord).abs() < 1e-5, "{d:?}");
@@ -193,7 +193,7 @@ mod tests {
             assert_eq!(a.hold, b.hold);
         }
         // The midpoint travels v²/(2a).
-        assert!((0.5 * way - 0.03125).abs() < 2e-4, "{way}");
+        assert!((0.5 * distance - 0.03125).abs() < 2e-4, "{distance}");
     }
 
     #[test]

@@ -102,12 +102,12 @@ pub struct State {
     holding: Conditions,
     /// Conditions that have held for their hold time.
     present: Conditions,
-    /// Conditions that were present since the last call of [`Self::take_seen`].
-    seen: Conditions,
+    /// Conditions that were present since the last call of [`Self::take_occurred`].
+    occurred: Conditions,
     latched: Conditions,
     first: Option<Condition>,
     degraded_for: Micros,
-    degraded_way: f32,
+    degraded_moved_m: f32,
     stopping_for: Micros,
     /// Number of times a condition of each class has come up, saturating.
     counts: [u16; 4],
@@ -121,11 +121,11 @@ impl Default for State {
             held: [0; BITS],
             holding: Conditions::NONE,
             present: Conditions::NONE,
-            seen: Conditions::NONE,
+            occurred: Conditions::NONE,
             latched: Conditions::NONE,
             first: None,
             degraded_for: 0,
-            degraded_way: 0.0,
+            degraded_moved_m: 0.0,
             stopping_for: 0,
             counts: [0; 4],
         }
@@ -144,8 +144,8 @@ impl State {
     }
 
     /// Conditions that were present since the last call, or still are.
-    pub fn take_seen(&mut self) -> Conditions {
-        core::mem::replace(&mut self.seen, self.present)
+    pub fn take_occurred(&mut self) -> Conditions {
+        core::mem::replace(&mut self.occurred, self.present)
     }
 
     /// Number of times a condition of `class` has come up, saturating.
@@ -197,7 +197,7 @@ impl Supervisor {
 
         let conditions = self.allowance(state, dt, input);
         self.hold(state, dt, conditions);
-        state.seen = state.seen.union(state.present);
+        state.occurred = state.occurred.union(state.present);
         // Clearing drops conditions that are over; present ones are latched again below.
         if input.request == Some(StateRequest::Clear) && state.operating == OperatingState::Fault {
             state.latched = Conditions::NONE;
@@ -235,13 +235,13 @@ impl Supervisor {
         let moving = matches!(state.operating, OperatingState::Active);
         if !degraded {
             state.degraded_for = 0;
-            state.degraded_way = 0.0;
+            state.degraded_moved_m = 0.0;
         } else if moving {
             state.degraded_for = state.degraded_for.saturating_add(dt);
-            state.degraded_way += input.moved_m.abs();
+            state.degraded_moved_m += input.moved_m.abs();
         }
         let within = state.degraded_for <= self.degraded_time
-            && state.degraded_way <= self.degraded_distance;
+            && state.degraded_moved_m <= self.degraded_distance;
         input
             .conditions
             .with(Condition::DegradedTooLong, degraded && moving && !within)

@@ -21,7 +21,7 @@ use crate::time::Micros;
 pub struct TaskDeadlines<const N: usize> {
     within: [Micros; N],
     /// Number of reports at the latest check, and time of its latest change.
-    heard: [(u32, Micros); N],
+    latest: [(u32, Micros); N],
 }
 
 impl<const N: usize> TaskDeadlines<N> {
@@ -29,16 +29,16 @@ impl<const N: usize> TaskDeadlines<N> {
     pub const fn new(within: [Micros; N], now: Micros) -> Self {
         Self {
             within,
-            heard: [(0, now); N],
+            latest: [(0, now); N],
         }
     }
 
     /// Checks the number of reports of each task since the start, which may wrap. True if every task is within its
     /// deadline at `now`. If the clock runs back, no time passes.
     pub fn complete(&mut self, now: Micros, reports: [u32; N]) -> bool {
-        for (heard, count) in self.heard.iter_mut().zip(reports) {
-            if heard.0 != count {
-                *heard = (count, now);
+        for (latest, count) in self.latest.iter_mut().zip(reports) {
+            if latest.0 != count {
+                *latest = (count, now);
             }
         }
         self.late(now).is_none()
@@ -46,7 +46,7 @@ impl<const N: usize> TaskDeadlines<N> {
 
     /// The first task that is late at `now`.
     pub fn late(&self, now: Micros) -> Option<usize> {
-        let mut tasks = self.heard.iter().zip(self.within);
+        let mut tasks = self.latest.iter().zip(self.within);
         tasks.position(|(&(_, last), within)| now.saturating_sub(last) > within)
     }
 }

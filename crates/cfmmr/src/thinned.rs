@@ -1,35 +1,35 @@
 //! A series of values in bounded memory.
 
-/// Evenly spaced values of a series, at most `most`, and its latest value. Above `most`, every second value is dropped.
+/// Evenly spaced values of a series, at most `max_len`, and its latest value. Above `max_len`, every second value is dropped.
 #[derive(Clone, Debug)]
 pub struct Thinned<T> {
     kept: Vec<T>,
     last: Option<T>,
-    most: usize,
+    max_len: usize,
     stride: u64,
-    seen: u64,
+    count: u64,
 }
 
 impl<T: Clone> Thinned<T> {
-    /// Empty series of at most `most` values, an even number.
-    pub fn new(most: usize) -> Self {
+    /// Empty series of at most `max_len` values, an even number.
+    pub fn new(max_len: usize) -> Self {
         Self {
             kept: Vec::new(),
             last: None,
-            most,
+            max_len,
             stride: 1,
-            seen: 0,
+            count: 0,
         }
     }
 
     /// Appends a value.
     pub fn push(&mut self, value: T) {
         self.last = None;
-        match self.seen.is_multiple_of(self.stride) {
+        match self.count.is_multiple_of(self.stride) {
             true => self.kept.push(value),
             false => self.last = Some(value),
         }
-        if self.kept.len() > self.most {
+        if self.kept.len() > self.max_len {
             let mut number = 0;
             self.kept.retain(|_| {
                 number += 1;
@@ -37,7 +37,7 @@ impl<T: Clone> Thinned<T> {
             });
             self.stride *= 2;
         }
-        self.seen += 1;
+        self.count += 1;
     }
 
     /// The values.

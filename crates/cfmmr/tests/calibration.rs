@@ -2,7 +2,7 @@
 
 use crate::program::{command, json_file, succeed};
 use crate::terminal::pseudo_terminal;
-use cfmmr::experiments::calibrate::Bench;
+use cfmmr::experiments::calibrate::CalibrationBench;
 use core_algos::params::find;
 use core_algos::topology::{Role, Topology};
 use host_sim::scenario::Scenario;
@@ -111,8 +111,8 @@ fn calibration_drive_on_virtual_boards_is_bit_identical() {
     let mut found = nominal.clone();
     let ratio = find("robot.geometry.wheel_ratio").unwrap();
     found.boards.put(Role::axle(1), &[(ratio, 0.995)]);
-    let mut on_boards = Bench::new(&nominal, 1, Some(boards.into()));
-    let mut here = Bench::new(&nominal, 1, None);
+    let mut on_boards = CalibrationBench::new(&nominal, 1, Some(boards.into()));
+    let mut here = CalibrationBench::new(&nominal, 1, None);
     let line = host_sim::paths::Path::line(0.3).unwrap();
     let [before, after] = [&nominal, &found].map(|scenario| {
         let run = on_boards.drive(scenario, &line, 1).unwrap();

@@ -1,6 +1,6 @@
 //! Errors of the estimates against their covariance, for the whole robot on the plant.
 
-use cfmmr::experiments::consistency::{Report, Row, Statement, measure};
+use cfmmr::experiments::consistency::{ConsistencyReport, ConsistencyRow, Statement, measure};
 use cfmmr::experiments::posture::Variant;
 use cfmmr::experiments::{Seeds, Workers};
 use core_algos::fusion::robot::Mode;
@@ -11,7 +11,7 @@ const SEEDS: Seeds = Seeds {
     trials: 20,
 };
 
-fn report() -> Report {
+fn report() -> ConsistencyReport {
     // The estimators' priors are from the data sheets that describe this world.
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
     let workers = Workers::new(None).unwrap();
@@ -26,7 +26,7 @@ fn report() -> Report {
 }
 
 /// NEES of both axles at the end of the runs.
-fn axles(row: &Row) -> [f64; 2] {
+fn axles(row: &ConsistencyRow) -> [f64; 2] {
     [row.end.front.nees, row.end.rear.nees]
 }
 

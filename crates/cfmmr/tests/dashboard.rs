@@ -11,7 +11,7 @@ mod terminal;
 
 use cfmmr::dashboard::Dashboard;
 use core_algos::link::protocol::StackUse;
-use core_algos::link::{Endpoint, Identity};
+use core_algos::link::{Identity, SimLink};
 use core_algos::topology::Role;
 use core_algos::topology::Topology;
 use program::{assert_refused, command};
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use terminal::pseudo_terminal;
 
 /// Timeout of a test step.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
@@ -74,7 +74,7 @@ impl Session {
 
     /// Waits until `has` is true for the words of a line on the screen; returns the line.
     fn expect_line(&mut self, has: impl Fn(&[&str]) -> bool) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let screen = screen(&self.shown);
             let words = |line: &String| has(&line.split_whitespace().collect::<Vec<_>>());
@@ -91,7 +91,7 @@ impl Session {
 
     /// Waits until the program has printed `text`.
     fn expect(&mut self, text: &str) {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while !self.shown.contains(text) {
             let left = deadline.saturating_duration_since(Instant::now());
             let Ok(bytes) = self.screen.recv_timeout(left) else {
@@ -107,7 +107,7 @@ impl Session {
 
     /// Waits for the end of the program and keeps its output.
     fn end(&mut self) -> ExitStatus {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
@@ -122,7 +122,7 @@ impl Session {
     }
 
     /// True if the terminal echoes and delivers input line by line, as for a shell.
-    fn is_sane(&self) -> bool {
+    fn is_in_line_mode(&self) -> bool {
         let modes = tcgetattr(&self.terminal).unwrap().local_modes;
         modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
@@ -170,7 +170,7 @@ fn posture(folder: &tempfile::TempDir) -> Session {
     }
     // The lead node drives.
     session.expect("Active");
-    assert!(!session.is_sane(), "keys come one by one");
+    assert!(!session.is_in_line_mode(), "keys come one by one");
     session
 }
 
@@ -182,7 +182,7 @@ fn q_and_control_c_end_the_run_and_restore_the_terminal() {
         session.press(key);
         let status = session.end();
         assert_eq!(status.code(), Some(130), "{status}: {:?}", session.shown);
-        assert!(session.is_sane());
+        assert!(session.is_in_line_mode());
         let (_, after) = session.shown.rsplit_once(LEAVE).expect("left the screen");
         assert!(
             after.contains("interrupted") && after.contains("result.json"),
@@ -200,7 +200,7 @@ fn signal_ends_the_run_and_restores_the_terminal() {
     let process = rustix::process::Pid::from_child(&session.child);
     rustix::process::kill_process(process, rustix::process::Signal::TERM).unwrap();
     assert_eq!(session.end().code(), Some(130));
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
     let (_, after) = session.shown.rsplit_once(LEAVE).expect("left the screen");
     assert!(after.contains("interrupted"), "{after:?}");
 }
@@ -227,7 +227,7 @@ fn keys_drive_the_robot() {
     session.expect_line(|words| words.windows(2).any(|pair| pair == ["speed", "0.000"]));
     session.press(b"q");
     assert_eq!(session.end().code(), Some(0), "{:?}", session.shown);
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
     let result = std::fs::read(folder.path().join("out/drive/result.json")).unwrap();
     let result: serde_json::Value = serde_json::from_slice(&result).unwrap();
     let step = &result["steps"][0];
@@ -245,7 +245,7 @@ fn control_c_in_a_drive_by_keyboard_is_an_interrupt() {
     session.expect_line(|words| words.contains(&"WASD:"));
     session.press(b"w\x03");
     assert_eq!(session.end().code(), Some(130), "{:?}", session.shown);
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
     let result = std::fs::read(folder.path().join("out/drive/result.json")).unwrap();
     let result: serde_json::Value = serde_json::from_slice(&result).unwrap();
     assert_eq!(result["steps"][0]["end"]["kind"], "interrupted");
@@ -273,7 +273,7 @@ fn closed_terminal_ends_the_program() {
             text += &String::from_utf8_lossy(&room[..count]);
         }
         drop(master);
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             if let Some(status) = child.try_wait().unwrap() {
                 break status;
@@ -315,13 +315,13 @@ fn front_board(damaged: usize) -> String {
     };
     let mut port = File::from(master);
     thread::spawn(move || {
-        let mut endpoint = Endpoint::new(identity, StackUse::unknown);
+        let mut sim_link = SimLink::new(identity, StackUse::unknown);
         let (mut room, mut answers) = ([0; 4096], 0);
         loop {
             match port.read(&mut room) {
                 Ok(count) => {
                     let mut answer = Vec::new();
-                    endpoint.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
+                    sim_link.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
                     answers += usize::from(!answer.is_empty());
                     if answers == damaged {
                         // Neither value is the end of a frame.
@@ -365,7 +365,7 @@ fn board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     session.expect_line(|words| words.contains(&"Active"));
     session.press(b"q");
     assert_eq!(session.end().code(), Some(130), "{:?}", session.shown);
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
 }
 
 #[test]
@@ -386,7 +386,7 @@ fn virtual_boards_are_shown_with_their_heartbeats() {
     assert!(frames.unwrap() > 0);
     session.press(b"q");
     assert_eq!(session.end().code(), Some(130), "{:?}", session.shown);
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
 }
 
 /// Started by the test below on its own terminal.
@@ -418,7 +418,7 @@ fn a_panic_leaves_the_terminal_as_it_was() {
     session.expect(ENTER);
     session.expect("Links");
     assert!(!session.end().success());
-    assert!(session.is_sane());
+    assert!(session.is_in_line_mode());
     let (_, after) = session.shown.split_once(LEAVE).expect("left the screen");
     assert!(after.contains("told after the dashboard"), "{after:?}");
 }

@@ -213,8 +213,8 @@ fn robot_without_cable_stops_and_a_reconnected_host_commands_it() {
     link.open();
     let place = scenario
         .robot
-        .put_down(Posture::ORIGIN, &scenario.mission.told());
-    link.command(&HostCommand::Place(place));
+        .placement(Posture::ORIGIN, &scenario.mission.configured_placement());
+    link.command(&HostCommand::SetPose(place));
     let mut tick = |link: &mut BoardLink, plugged: bool| {
         let now = boot + robot.now();
         let sent = plugged.then(|| link.to_send(now).unwrap()).flatten();

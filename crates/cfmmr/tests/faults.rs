@@ -11,7 +11,7 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::world::faults::Fault;
 use rayon::prelude::*;
-use remote::virtual_robot::faults::{Campaign, Case, Course, End, Entry, catalogue, model};
+use remote::virtual_robot::faults::{Campaign, End, Entry, FaultCase, RunKind, catalogue, model};
 use std::path::Path;
 
 #[test]
@@ -24,7 +24,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
     let all = catalogue();
     let entries: Vec<&Entry> = all.iter().filter(|entry| !entry.needs_images()).collect();
     let report = faults::campaign(&campaign, &entries, 2).unwrap();
-    assert_eq!(report.complaints(), "");
+    assert_eq!(report.failures_text(), "");
     let page =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/faults.md"))
             .unwrap();
@@ -67,12 +67,12 @@ fn outcomes_beyond_an_entry_are_wrong() {
             .map(|it| (*it).to_owned())
             .collect();
         let scenario = Scenario::parse(None, "", "test", &changes).unwrap();
-        let case = Case {
+        let case = FaultCase {
             entry: &entry,
             after_ms: 300,
             seed: 1,
         };
-        let Course::Model(fault) = entry.course.clone() else {
+        let RunKind::Model(fault) = entry.kind.clone() else {
             panic!("{}", entry.name)
         };
         let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
@@ -179,20 +179,20 @@ fn each_code_is_raised_by_a_fault() {
     let page = std::fs::read_to_string(page).unwrap();
     let modelled = catalogue()
         .into_iter()
-        .filter_map(|entry| match entry.course {
-            Course::Model(fault) => Some(("bus.loss=0.001", fault)),
+        .filter_map(|entry| match entry.kind {
+            RunKind::Model(fault) => Some(("bus.loss=0.001", fault)),
             _ => None,
         });
     let runs: Vec<_> = modelled.chain(runs()).collect();
-    let seen = runs.par_iter().flat_map(|(change, fault)| {
+    let raised_conditions = runs.par_iter().flat_map(|(change, fault)| {
         [1500, 2000, 4000]
             .map(|tick| raised(change, fault.clone(), tick))
             .concat()
     });
-    let seen: Vec<Condition> = seen.collect();
+    let raised_conditions: Vec<Condition> = raised_conditions.collect();
     let by_none = Condition::ALL.into_iter().filter(|condition| {
         let listed = ELSEWHERE.iter().any(|(other, _)| other == condition);
-        !seen.contains(condition) && !page.contains(condition.entry().name) && !listed
+        !raised_conditions.contains(condition) && !page.contains(condition.entry().name) && !listed
     });
     let by_none: Vec<Condition> = by_none.collect();
     assert!(by_none.is_empty(), "raised by no fault: {by_none:?}");

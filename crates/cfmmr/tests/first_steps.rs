@@ -93,9 +93,9 @@ struct Machine(tempfile::TempDir);
 impl Machine {
     fn new() -> Self {
         let machine = Self(tempfile::tempdir().unwrap());
-        machine.says("rustc", "rustc 99.1.0 (abcdef 2026-01-01)");
-        machine.says("cargo", "cargo 99.1.0 (abcdef 2026-01-01)");
-        machine.says("cc", "cc (Debian) 12.2.0");
+        machine.prints("rustc", "rustc 99.1.0 (abcdef 2026-01-01)");
+        machine.prints("cargo", "cargo 99.1.0 (abcdef 2026-01-01)");
+        machine.prints("cc", "cc (Debian) 12.2.0");
         machine.with_target(true);
         machine
     }
@@ -106,7 +106,7 @@ impl Machine {
         fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
     }
 
-    fn says(&self, name: &str, line: &str) {
+    fn prints(&self, name: &str, line: &str) {
         self.program(name, &format!("echo '{line}'"));
     }
 
@@ -147,25 +147,25 @@ impl Machine {
 #[test]
 fn doctor_reports_each_tool_and_prints_remedies() {
     let machine = Machine::new();
-    let (code, checks, said) = machine.doctor();
-    assert_eq!(code, 0, "{said}");
+    let (code, checks, output) = machine.doctor();
+    assert_eq!(code, 0, "{output}");
     for name in ["rustc", "cargo", "cc", "target"] {
-        assert_eq!(checks[name]["finding"], "ok", "{said}");
+        assert_eq!(checks[name]["finding"], "ok", "{output}");
         assert_eq!(checks[name]["needed"], true);
     }
     for name in ["probe-rs", "debug probe", "python3"] {
-        assert_eq!(checks[name]["finding"], "missing", "{said}");
+        assert_eq!(checks[name]["finding"], "missing", "{output}");
         assert_eq!(checks[name]["needed"], false);
         assert!(!checks[name]["remedy"].as_str().unwrap().is_empty());
     }
-    assert!(said.contains("missing (optional)"), "{said}");
-    let lines = |name: &str| said.lines().filter(|line| line.starts_with(name)).count();
+    assert!(output.contains("missing (optional)"), "{output}");
+    let lines = |name: &str| output.lines().filter(|line| line.starts_with(name)).count();
     assert!(
         checks.keys().all(|name| lines(&format!("{name}  ")) == 1),
-        "{said}"
+        "{output}"
     );
 
-    machine.says("python3", "Python 3.11.2");
+    machine.prints("python3", "Python 3.11.2");
     machine.program(
         "probe-rs",
         "case \"$1\" in list) echo 'The following debug probes were found:'; \
@@ -179,23 +179,23 @@ fn doctor_reports_each_tool_and_prints_remedies() {
 
 #[test]
 fn doctor_fails_for_missing_needed_tools_only() {
-    let case = |spoil: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
+    let case = |remove_or_replace: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
         let machine = Machine::new();
-        spoil(&machine);
-        let (code, checks, said) = machine.doctor();
-        assert_eq!(code, 1, "{name}: {said}");
-        assert_eq!(checks[name]["finding"], finding, "{said}");
-        let told = checks[name]["remedy"].as_str().unwrap();
-        assert!(told.contains(remedy), "{name}: {told}");
-        assert!(said.contains(remedy), "{name}: {said}");
-        let last = said.lines().last().unwrap();
+        remove_or_replace(&machine);
+        let (code, checks, output) = machine.doctor();
+        assert_eq!(code, 1, "{name}: {output}");
+        assert_eq!(checks[name]["finding"], finding, "{output}");
+        let printed_remedy = checks[name]["remedy"].as_str().unwrap();
+        assert!(printed_remedy.contains(remedy), "{name}: {printed_remedy}");
+        assert!(output.contains(remedy), "{name}: {output}");
+        let last = output.lines().last().unwrap();
         assert!(last.starts_with("cfmmr:") && last.contains(name), "{last}");
     };
     let missing = |name: &'static str| move |machine: &Machine| machine.without(name);
     case(&missing("rustc"), "rustc", "missing", "https://rustup.rs");
     case(&missing("cargo"), "cargo", "missing", "https://rustup.rs");
     case(&missing("cc"), "cc", "missing", "C compiler");
-    let old = |name: &'static str, line: &'static str| move |m: &Machine| m.says(name, line);
+    let old = |name: &'static str, line: &'static str| move |m: &Machine| m.prints(name, line);
     case(
         &old("cargo", "cargo 1.80.0 (a b)"),
         "cargo",
@@ -204,8 +204,8 @@ fn doctor_fails_for_missing_needed_tools_only() {
     );
     case(
         &|machine: &Machine| {
-            machine.says("cargo", "cargo 1.80.0 (a b)");
-            machine.says("rustup", "rustup 1.28.0");
+            machine.prints("cargo", "cargo 1.80.0 (a b)");
+            machine.prints("rustup", "rustup 1.28.0");
         },
         "cargo",
         "too-old",
@@ -219,10 +219,10 @@ fn doctor_fails_for_missing_needed_tools_only() {
     );
 
     let machine = Machine::new();
-    machine.says("python3", "Python 3.5.1");
+    machine.prints("python3", "Python 3.5.1");
     machine.program("probe-rs", "echo broken >&2; exit 3");
-    let (code, checks, said) = machine.doctor();
-    assert_eq!(code, 0, "optional things never fail: {said}");
+    let (code, checks, output) = machine.doctor();
+    assert_eq!(code, 0, "optional things never fail: {output}");
     assert_eq!(checks["python3"]["finding"], "too-old");
     assert_eq!(checks["probe-rs"]["finding"], "unusable");
 }

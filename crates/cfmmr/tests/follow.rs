@@ -4,7 +4,7 @@ use crate::program::{assert_refused, cfmmr, files, json_file, succeed};
 use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Moment, Outcome, PathMode, Route};
+use host_sim::run::path_run::{Outcome, PathEpoch, PathMode, Route};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use std::fs;
@@ -19,7 +19,12 @@ fn scenario() -> Scenario {
     scenario
 }
 
-fn run(path: &Path, path_mode: PathMode, scenario: &Scenario, seed: u64) -> (Outcome, Vec<Moment>) {
+fn run(
+    path: &Path,
+    path_mode: PathMode,
+    scenario: &Scenario,
+    seed: u64,
+) -> (Outcome, Vec<PathEpoch>) {
     let mut scenario = scenario.clone();
     let route = Route::new(path, 1, &scenario).unwrap();
     scenario.mission.start = route.start();
@@ -35,7 +40,7 @@ fn drive(
     route: &Route,
     path_mode: PathMode,
     seed: u64,
-    observe: impl FnMut(&Moment),
+    observe: impl FnMut(&PathEpoch),
 ) -> Outcome {
     let mut simulation = Simulation::new(scenario, seed, 0).unwrap();
     path_run::drive_on(&mut simulation, scenario, route, path_mode, observe).unwrap()
@@ -54,10 +59,13 @@ fn paths() -> [(&'static str, Path); 4] {
 fn robot_follows_every_path_within_the_estimate_error() {
     for (name, path) in paths() {
         let (outcome, _) = run(&path, PathMode::Follow, &scenario(), 3);
-        let (truth, seen) = (outcome.truth, outcome.estimate);
+        let (truth, estimate) = (outcome.truth, outcome.estimate);
         assert!(outcome.end.is_success(), "{name}");
-        assert!(seen.rms_m < 1.5e-3 && seen.max_m < 5e-3, "{name}: {seen:?}");
-        assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
+        assert!(
+            estimate.rms_m < 1.5e-3 && estimate.max_m < 5e-3,
+            "{name}: {estimate:?}"
+        );
+        assert!(estimate.final_m < 3e-3, "{name}: {estimate:?}");
         // Placement contributes 2 mm, odometry the rest.
         assert!(truth.rms_m < 0.015, "{name}: {truth:?}");
         assert!(truth.final_m < 0.025, "{name}: {truth:?}");
@@ -69,10 +77,13 @@ fn robot_follows_every_path_within_the_estimate_error() {
 fn robot_tracks_every_trajectory() {
     for (name, path) in paths() {
         let (outcome, moments) = run(&path, PathMode::Track, &scenario(), 4);
-        let (truth, seen) = (outcome.truth, outcome.estimate);
+        let (truth, estimate) = (outcome.truth, outcome.estimate);
         assert!(outcome.end.is_success(), "{name}");
-        assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
-        assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
+        assert!(
+            estimate.rms_m < 3e-3 && estimate.max_m < 0.01,
+            "{name}: {estimate:?}"
+        );
+        assert!(estimate.final_m < 3e-3, "{name}: {estimate:?}");
         assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
         // On the figure eight: 18 mm rms over seeds, 47 mm at most in 200 seeds.
         assert!(truth.final_m < 0.04, "{name}: {truth:?}");
@@ -111,11 +122,15 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
         // Curvature from the motion of the midpoint over tenths of a second.
         for pair in moments.windows(11).step_by(10) {
             let [a, b] = [pair[0].record.midpoint, pair[10].record.midpoint];
-            let way = (b[0] - a[0]).hypot(b[1] - a[1]);
-            if way > 0.015 {
+            let distance = (b[0] - a[0]).hypot(b[1] - a[1]);
+            if distance > 0.015 {
                 let turn = (b[2] - a[2] + 9.0).rem_euclid(std::f64::consts::TAU) - 9.0;
                 let turn = turn - std::f64::consts::TAU * (turn / std::f64::consts::TAU).round();
-                assert!((turn / way).abs() < 1.03 * bound, "{}", turn / way);
+                assert!(
+                    (turn / distance).abs() < 1.03 * bound,
+                    "{}",
+                    turn / distance
+                );
             }
         }
     }

@@ -15,7 +15,7 @@ use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
-use host_sim::targets::{Failure, FailureMode, InProcess, Target, What};
+use host_sim::targets::{EventKind, Failure, FailureMode, InProcess, Target};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use remote::Remote;
@@ -25,7 +25,7 @@ use remote::link::{Link, Loopback};
 use remote::serial::Serial;
 use remote::virtual_link::VirtualLink;
 use remote::virtual_robot::faults;
-use remote::virtual_robot::faults::{Case, Course, End, catalogue, model};
+use remote::virtual_robot::faults::{End, FaultCase, RunKind, catalogue, model};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
@@ -139,7 +139,7 @@ struct Unreliable {
 
 impl Unreliable {
     /// Bytes after random loss and damage.
-    fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn corrupt(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         if self.random.random::<f64>() < self.loss {
             bytes.clear();
@@ -162,23 +162,23 @@ impl Link for Unreliable {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let bytes = self.spoil(bytes);
+        let bytes = self.corrupt(bytes);
         self.link.send(&bytes)
     }
 
     fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let count = self.link.receive(room, timeout)?;
-        let bytes = self.spoil(&room[..count]);
+        let bytes = self.corrupt(&room[..count]);
         room[..bytes.len()].copy_from_slice(&bytes);
         Ok(bytes.len())
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.link.kill()
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.link.switch_off()
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
-        self.link.revive()
+    fn switch_on(&mut self) -> Result<(), Error> {
+        self.link.switch_on()
     }
 }
 
@@ -247,7 +247,7 @@ fn assert_torques_zero(simulation: &Simulation) {
 fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     let events = simulation.boards().events().iter();
     let mut times = events.filter_map(|event| match event.what {
-        What::MotorsOff(after) => Some(after),
+        EventKind::MotorsOff(after) => Some(after),
         _ => None,
     });
     times.next()
@@ -288,7 +288,7 @@ fn restarted_rear_board_stops_the_robot_until_cleared() {
         let (outcome, mut simulation) = with_failure(targets, Role::axle(1), Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
-        let restarted = |event: &targets::Event| event.what == What::Restarted;
+        let restarted = |event: &targets::Event| event.what == EventKind::Restarted;
         assert!(simulation.boards().events().iter().any(restarted));
         assert!(outcome.end.is_success(), "the robot goes on to its goal");
         let [x, y, phi] = outcome.midpoint;
@@ -342,13 +342,13 @@ fn lost_axle_ends_the_run_and_lost_beam_does_not() {
 /// Runs a mission with a fault and records its trace.
 fn faulty(
     targets: Vec<Box<dyn Target>>,
-    case: &Case,
+    case: &FaultCase,
     unannounced: Option<(Role, FailureMode)>,
 ) -> (faults::Outcome, Trace) {
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
     let at = model::tick(&scenario, case);
-    let Course::Model(fault) = case.entry.course.clone() else {
+    let RunKind::Model(fault) = case.entry.kind.clone() else {
         panic!("{}", case.entry.name);
     };
     simulation.inject(fault, at);
@@ -377,7 +377,7 @@ fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
         // Within an epoch, not at its beginning.
         let (after_ms, seed) = (2_003, 3);
-        let case = Case {
+        let case = FaultCase {
             entry,
             after_ms,
             seed,

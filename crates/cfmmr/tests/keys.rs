@@ -18,7 +18,7 @@ use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
 use host_sim::world::faults::Fault;
 use rayon::prelude::*;
-use remote::virtual_robot::faults::{Course, catalogue};
+use remote::virtual_robot::faults::{RunKind, catalogue};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
 use toml::{Table, Value};
@@ -167,8 +167,8 @@ impl Situation {
         let (name, tick) = fault.split_once(" @").unwrap_or((fault, FAULT_TICK));
         let entry = catalogue().into_iter().find(|entry| entry.name == name);
         assert!(fault.is_empty() || entry.is_some(), "{line}");
-        let modelled = entry.and_then(|entry| match entry.course {
-            Course::Model(fault) => Some(fault),
+        let modelled = entry.and_then(|entry| match entry.kind {
+            RunKind::Model(fault) => Some(fault),
             _ => None,
         });
         Self {
@@ -208,9 +208,9 @@ impl Situation {
             }
         };
         let mut simulation = Simulation::new(&scenario, 3, 0)?;
-        let seen = Arc::new(Mutex::new(Vec::new()));
+        let hashes = Arc::new(Mutex::new(Vec::new()));
         simulation.observe(Box::new(Epochs {
-            seen: seen.clone(),
+            hashes: hashes.clone(),
             before: before.to_vec(),
         }));
         if let Some((fault, tick)) = self.fault.clone() {
@@ -223,7 +223,7 @@ impl Situation {
             }
             _ => regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
         };
-        Ok(std::mem::take(&mut *seen.lock().unwrap()))
+        Ok(std::mem::take(&mut *hashes.lock().unwrap()))
     }
 
     fn changes_with(&self, scenario: &Scenario, before: &[u64]) -> bool {
@@ -234,7 +234,7 @@ impl Situation {
 
 /// Hashes the state of each epoch.
 struct Epochs {
-    seen: Arc<Mutex<Vec<u64>>>,
+    hashes: Arc<Mutex<Vec<u64>>>,
     before: Vec<u64>,
 }
 
@@ -261,9 +261,9 @@ impl Observer for Epochs {
             frame.strain.map(f32::to_bits).hash(&mut hash);
         }
         format!("{:?} {:?}", record.lead, robot.monitor().changes().last()).hash(&mut hash);
-        let (mut seen, hash) = (self.seen.lock().unwrap(), hash.finish());
-        let same = self.before.is_empty() || self.before.get(seen.len()) == Some(&hash);
-        seen.push(hash);
+        let (mut hashes, hash) = (self.hashes.lock().unwrap(), hash.finish());
+        let same = self.before.is_empty() || self.before.get(hashes.len()) == Some(&hash);
+        hashes.push(hash);
         match same {
             true => Ok(()),
             false => Err(Error::Failure("changed".to_owned())),
@@ -272,8 +272,8 @@ impl Observer for Epochs {
 }
 
 /// Paths of all values.
-fn leaves(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
-    let mut inner = |key: String, value: &Value| leaves(value, &[at, &[key]].concat(), found);
+fn value_paths(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
+    let mut inner = |key: String, value: &Value| value_paths(value, &[at, &[key]].concat(), found);
     match value {
         Value::Table(table) => table
             .iter()
@@ -293,7 +293,7 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
 }
 
 /// Values to try; some may be out of range.
-fn others(value: &Value) -> Vec<Value> {
+fn trial_values(value: &Value) -> Vec<Value> {
     let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
                  piecewise quadrature wheels filter off reference beam joint odometry";
     match *value {
@@ -310,11 +310,11 @@ fn others(value: &Value) -> Vec<Value> {
 }
 
 /// At most `count` valid scenarios that differ in one key.
-fn changed(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
+fn changed_scenarios(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
     let mut table = Value::Table(Table::try_from(scenario).unwrap());
     let value = entry(&mut table, path).clone();
     let mut found = Vec::new();
-    for other in others(&value) {
+    for other in trial_values(&value) {
         *entry(&mut table, path) = other;
         let Ok(other) = table.clone().try_into::<Scenario>() else {
             continue;
@@ -364,7 +364,7 @@ fn with_parameter(scenario: &Scenario, role: Role, name: &str) -> Vec<Scenario> 
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Found {
+enum KeyEffect {
     Effective,
     Elsewhere,
     Refused,
@@ -375,7 +375,7 @@ enum Found {
 type Change = Box<dyn Fn(&Scenario) -> Vec<Scenario> + Send + Sync>;
 
 /// Situation with its scenario and its unchanged run.
-type Made = (Situation, Scenario, Vec<u64>);
+type Baseline = (Situation, Scenario, Vec<u64>);
 
 /// Keys without an effect under any fault of the catalogue, with the test that covers each.
 const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
@@ -384,7 +384,7 @@ const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
 )];
 
 /// Effect of a key in its situation of [`PROBES`]; `None` if the key has no such situation.
-fn probe(key: &str) -> Option<Result<Found, Error>> {
+fn probe(key: &str) -> Option<Result<KeyEffect, Error>> {
     let probes = PROBES.lines().filter_map(|line| line.split_once(" | "));
     let mut of_key = probes.filter(|(change, _)| change.split_once('=').unwrap().0 == key);
     let (change, line) = of_key.next()?;
@@ -396,20 +396,20 @@ fn probe(key: &str) -> Option<Result<Found, Error>> {
     };
     Some(changes().map(|changes| {
         if changes {
-            Found::Elsewhere
+            KeyEffect::Elsewhere
         } else {
-            Found::Nothing
+            KeyEffect::Nothing
         }
     }))
 }
 
 /// Searches a situation in which the key changes the run.
-fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
+fn search_effect(key: &str, made: &[Baseline], change: &Change) -> Result<KeyEffect, Error> {
     if let Some(found) = probe(key) {
         return found;
     }
     if TESTED_ELSEWHERE.iter().any(|(other, _)| *other == key) {
-        return Ok(Found::Elsewhere);
+        return Ok(KeyEffect::Elsewhere);
     }
     let (mut refused, mut tried) = (true, false);
     // One value usually shows the effect in the right situation; in other situations each value costs a whole run.
@@ -424,24 +424,27 @@ fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
             let mut others = others.iter().take(values.end).skip(values.start);
             if others.any(|other| situation.changes_with(other, before)) {
                 return Ok(if i == 0 {
-                    Found::Effective
+                    KeyEffect::Effective
                 } else {
-                    Found::Elsewhere
+                    KeyEffect::Elsewhere
                 });
             }
         }
     }
     // A key without another valid value counts as refused.
     Ok(if refused || !tried {
-        Found::Refused
+        KeyEffect::Refused
     } else {
-        Found::Nothing
+        KeyEffect::Nothing
     })
 }
 
 /// Refused keys that change the run of a situation. All are changed together first, and one by one only if that run
 /// differs.
-fn wrongly_refused((situation, scenario, before): &Made, keys: &[(String, Change)]) -> Vec<String> {
+fn wrongly_refused(
+    (situation, scenario, before): &Baseline,
+    keys: &[(String, Change)],
+) -> Vec<String> {
     let refused = |key: &str, scenario: &Scenario| situation.refusal(key, scenario).is_some();
     // Changing a key may give an effect to this key or to others.
     let with = |scenario: &Scenario, (key, change): &(String, Change)| {
@@ -480,13 +483,16 @@ fn each_key_changes_a_run_or_is_refused() {
         let run = situation.run(&scenario, &[]).unwrap();
         (situation, scenario, run)
     };
-    let made: Vec<Made> = lines.par_iter().map(make).collect();
+    let made: Vec<Baseline> = lines.par_iter().map(make).collect();
     let mut paths = Vec::new();
     let table = Value::Table(Table::try_from(&made[0].1).unwrap());
-    leaves(&table, &[], &mut paths);
+    value_paths(&table, &[], &mut paths);
     let of_scenario = paths.into_iter().map(|path| -> (String, Change) {
         let key = path.join(".");
-        (key, Box::new(move |scenario| changed(scenario, &path, 7)))
+        (
+            key,
+            Box::new(move |scenario| changed_scenarios(scenario, &path, 7)),
+        )
     });
     let boards = Role::PAIR
         .into_iter()
@@ -499,7 +505,7 @@ fn each_key_changes_a_run_or_is_refused() {
     let keys: Vec<_> = of_scenario.chain(of_boards).collect();
     let results = keys
         .par_iter()
-        .map(|(key, change)| (key, look(key, &made, change)));
+        .map(|(key, change)| (key, search_effect(key, &made, change)));
     let results: Vec<_> = results.collect();
     let count = |wanted| {
         results
@@ -510,12 +516,12 @@ fn each_key_changes_a_run_or_is_refused() {
     println!(
         "{} keys: {} change the default run, {} another run, {} are refused",
         results.len(),
-        count(Found::Effective),
-        count(Found::Elsewhere),
-        count(Found::Refused)
+        count(KeyEffect::Effective),
+        count(KeyEffect::Elsewhere),
+        count(KeyEffect::Refused)
     );
     let wrong = results.iter().filter_map(|(key, found)| match found {
-        Ok(Found::Nothing) => Some(format!("{key}: changes no run and is not refused")),
+        Ok(KeyEffect::Nothing) => Some(format!("{key}: changes no run and is not refused")),
         Ok(_) => None,
         Err(error) => Some(format!("{key}: {error}")),
     });

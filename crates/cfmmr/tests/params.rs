@@ -9,7 +9,7 @@ use remote::Remote;
 use remote::board_log::BoardLog;
 use remote::images::Images;
 use remote::link::{Link, Loopback};
-use remote::parameters::Kept;
+use remote::parameters::BoardParameter;
 use remote::virtual_link::VirtualLink;
 use std::fs;
 use std::path::Path;
@@ -22,7 +22,7 @@ fn loopback(role: Role, flash: &Path) -> Box<dyn Link> {
     Box::new(Loopback::keeping(Identity { build, role }, flash).unwrap())
 }
 
-fn kept(remote: &mut Remote, name: &str) -> Kept {
+fn kept(remote: &mut Remote, name: &str) -> BoardParameter {
     let all = remote.parameters().unwrap();
     *all.iter().find(|kept| kept.parameter.name == name).unwrap()
 }
@@ -30,7 +30,7 @@ fn kept(remote: &mut Remote, name: &str) -> Kept {
 /// Sets and saves parameters, resets the board, and checks that the saved values remain.
 fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
     let mut board = Remote::new(Topology::PAIR, role, link);
-    board.greet().unwrap();
+    board.start_session().unwrap();
     let first = kept(&mut board, RADIUS);
     assert_eq!(
         (first.value, first.source, first.saved),
@@ -51,9 +51,9 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
     // Saving checks the values, which needs stack; in-process boards do not measure their stack.
     let stack = board.stack();
     assert!(!stack.is_some_and(|stack| stack.is_beyond()), "{stack:?}");
-    board.kill().unwrap();
-    board.revive().unwrap();
-    board.greet().unwrap();
+    board.switch_off().unwrap();
+    board.switch_on().unwrap();
+    board.start_session().unwrap();
     let after = kept(&mut board, RADIUS);
     assert_eq!(
         (after.value, after.source, after.saved),
@@ -72,7 +72,7 @@ fn saved_parameters_remain_after_a_reset() {
         set_save_and_reset(loopback(role, &file), role);
         // A new board on the same flash file has the saved value.
         let mut board = Remote::new(Topology::PAIR, role, loopback(role, &file));
-        board.greet().unwrap();
+        board.start_session().unwrap();
         assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
     }
 }
@@ -97,7 +97,7 @@ fn saved_parameters_remain_after_a_reset_of_a_virtual_board() {
         Role::axle(1),
         loopback(Role::axle(1), &file),
     );
-    board.greet().unwrap();
+    board.start_session().unwrap();
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }
 

@@ -66,7 +66,7 @@ impl Port {
 }
 
 /// Robot with its boards at ports, simulated in a thread until dropped.
-struct Bench {
+struct RobotBench {
     folder: TempDir,
     done: Arc<AtomicBool>,
     /// Switches the boards off for 0.5 s if true.
@@ -74,7 +74,7 @@ struct Bench {
     robot: Option<JoinHandle<VirtualRobot>>,
 }
 
-impl Bench {
+impl RobotBench {
     /// Robot without failures. A `loose` cable is unplugged for 0.5 s of every 2 s from the first motion on.
     fn new(scenario: &Scenario, loose: bool) -> Self {
         Self::with(scenario, loose, Vec::new())
@@ -181,7 +181,7 @@ impl Bench {
 }
 
 /// Stops the simulation, which would take time from the next test.
-impl Drop for Bench {
+impl Drop for RobotBench {
     fn drop(&mut self) {
         self.stop();
     }
@@ -202,7 +202,7 @@ fn robot_at_a_serial_port_drives_to_its_goal() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [-0.4, 0.1, 0.2];
-    let bench = Bench::new(&scenario, false);
+    let bench = RobotBench::new(&scenario, false);
     for wrong in [
         "posture --imu",
         "posture --set plant.friction=0.5",
@@ -240,7 +240,7 @@ fn robot_at_a_serial_port_drives_to_its_goal() {
 #[test]
 fn loose_cable_does_not_end_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(true);
+    let bench = RobotBench::at_origin(true);
     let run = bench.run(folder.path(), "follow --path line --size 1.2");
     run.ends_with(0);
     let report = result(folder.path(), "follow");
@@ -253,7 +253,7 @@ fn loose_cable_does_not_end_the_run() {
 #[test]
 fn script_drives_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let script = "goto 0.3 0.1 0.2\nspeed 0.1 0.4 1\nstop\nclear\npose 1 1 0\n";
     fs::write(folder.path().join("script"), script).unwrap();
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
@@ -295,7 +295,7 @@ fn script_drives_a_robot_at_a_serial_port() {
 #[test]
 fn record_at_serial_ports_replays_identically() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let [front, rear, beam] = Role::PAIR.map(|role| bench.port(role));
     for (task, ports, boards) in [
         (
@@ -332,7 +332,7 @@ fn record_is_refused_while_a_node_is_in_fault() {
     let (role, at, mode) = (Role::axle(1), 2500, FailureMode::Off);
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
-    let bench = Bench::with(&scenario, false, vec![Failure { role, at, mode }]);
+    let bench = RobotBench::with(&scenario, false, vec![Failure { role, at, mode }]);
     bench
         .run(folder.path(), "drive speed 0.1 0 60 --from 0,0,0")
         .ends_with(1);
@@ -352,7 +352,7 @@ fn record_is_refused_while_a_node_is_in_fault() {
 #[test]
 fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let script = "follow line 2.7\nfollow line 0.2\n";
     fs::write(folder.path().join("script"), script).unwrap();
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
@@ -368,7 +368,7 @@ fn python_client_drives_a_robot_to_its_goal() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let tools = Command::new(root.join("tools/scripts/client_python.sh")).output();
     let tools = Run::from(tools.unwrap()).ends_with(0);
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let client = Command::new(tools.out.trim())
         .arg(root.join("tools/client/drive.py"))
         .arg(bench.folder.path().join(Topology::PAIR.name(Role::LEAD)))
@@ -384,7 +384,7 @@ fn python_client_drives_a_robot_to_its_goal() {
 #[test]
 fn first_control_c_brakes_and_second_ends_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     for count in [1, 2] {
         let drive = format!("drive goto {} 0 0 --from 0,0,0", 2 * count);
         let mut child = bench.command(folder.path(), &drive).spawn().unwrap();
@@ -408,7 +408,7 @@ fn first_control_c_brakes_and_second_ends_at_once() {
 #[test]
 fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let (master, path) = pseudo_terminal();
     let terminal = File::options().read(true).write(true).open(path).unwrap();
     let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
@@ -448,7 +448,7 @@ fn robot_brakes_while_its_cable_is_unplugged() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
-    let bench = Bench::new(&scenario, true);
+    let bench = RobotBench::new(&scenario, true);
     let run = bench.run(folder.path(), "drive speed 0.15 0 7 --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}", run.error);
     let report = result(folder.path(), "drive");
@@ -466,7 +466,7 @@ fn robot_brakes_while_its_cable_is_unplugged() {
 #[test]
 fn robot_stops_when_its_host_is_lost() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let mut host = bench
         .command(folder.path(), "drive goto 4 0 0 --from 0,0,0")
         .spawn()
@@ -486,7 +486,7 @@ fn robot_stops_when_its_host_is_lost() {
 #[test]
 fn power_cycle_of_the_robot_ends_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     for seconds in [2, 5] {
         let cycle = bench.cycle.clone();
         let cut = thread::spawn(move || {
@@ -495,8 +495,8 @@ fn power_cycle_of_the_robot_ends_the_run() {
         });
         let run = bench.run(folder.path(), "follow --path line --size 3");
         cut.join().unwrap();
-        let said = run.ends_with(1).error;
-        assert!(said.contains("front board: it was restarted"), "{said}");
+        let error = run.ends_with(1).error;
+        assert!(error.contains("front board: it was restarted"), "{error}");
     }
     // Without rolling resistance the simulated robot keeps rolling with its motors off.
     let robot = bench.robot();
@@ -507,7 +507,7 @@ fn power_cycle_of_the_robot_ends_the_run() {
 #[test]
 fn robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
-    let bench = Bench::at_origin(false);
+    let bench = RobotBench::at_origin(false);
     let arguments = "follow --path line --size 3 --stop-after 4";
     bench.run(folder.path(), arguments).ends_with(0);
     let end = result(folder.path(), "follow")["end"].clone();
@@ -524,7 +524,7 @@ fn robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
 }
 
 /// Parameters of all boards, read through the port of the front board.
-fn parameters(bench: &Bench) -> Value {
+fn parameters(bench: &RobotBench) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let run = bench.run(folder.path(), "params list --json -");
     run.ends_with(0).json()["parameters"].clone()
@@ -534,9 +534,10 @@ fn parameters(bench: &Bench) -> Value {
 #[test]
 fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     let folder = tempfile::tempdir().unwrap();
-    let run = |bench: &Bench, arguments: &str| bench.run(folder.path(), arguments).ends_with(0);
+    let run =
+        |bench: &RobotBench, arguments: &str| bench.run(folder.path(), arguments).ends_with(0);
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
-    let bench = Bench::new(&scenario, false);
+    let bench = RobotBench::new(&scenario, false);
     let before = parameters(&bench);
     for (board, radius) in [("front", "0.0731"), ("rear", "0.0732"), ("beam", "0.0733")] {
         let value = format!("robot.geometry.wheel_radius_m={radius}");
@@ -566,7 +567,7 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     run(&bench, "params export --out robot.toml");
     drop(bench);
 
-    let new = Bench::new(&Scenario::default(), false);
+    let new = RobotBench::new(&Scenario::default(), false);
     assert_ne!(parameters(&new), kept);
     run(&new, "params import robot.toml --save");
     new.cycle.store(true, Relaxed);
@@ -578,8 +579,8 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
 fn gauges_are_zeroed_through_the_serial_port() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
-    let bench = Bench::new(&scenario, false);
-    let zeros = |bench: &Bench| -> Vec<f64> {
+    let bench = RobotBench::new(&scenario, false);
+    let zeros = |bench: &RobotBench| -> Vec<f64> {
         let all = parameters(bench);
         let rows = all.as_array().unwrap().iter();
         let of_beam = rows.filter(|row| row["board"] == "beam");

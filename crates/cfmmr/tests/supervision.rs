@@ -64,7 +64,7 @@ impl Run {
     }
 
     /// Path length of the true midpoint from a time on, m.
-    fn way_from(&self, time_s: f64) -> f64 {
+    fn distance_from(&self, time_s: f64) -> f64 {
         let pairs = self.records.windows(2);
         let late = pairs.filter(|pair| pair[0].time_s >= time_s);
         late.map(|pair| {
@@ -120,8 +120,8 @@ fn robot_without_beam_stops_at_the_degraded_limits() {
     let stop = run.change(Node::Lead, OperatingState::SafeStop);
     assert_eq!(stop.reason, Some(Condition::DegradedTooLong));
     // Braking from 0.25 m/s at 1 m/s² takes 3 cm.
-    let way = run.way_from(counts);
-    assert!((0.38..0.47).contains(&way), "{way} m");
+    let distance = run.distance_from(counts);
+    assert!((0.38..0.47).contains(&distance), "{distance} m");
     run.assert_stopped(stop.time_s);
     for axle in [Node::axle(0), Node::axle(1)] {
         let latest = run.simulation.monitor().latest(axle).unwrap();

@@ -50,6 +50,6 @@ fn stored_parameters_of_version_0_1_are_read() {
     let mut contents = Contents::default();
     contents.take(1, &bytes);
     let own = Settings::of(Role::LEAD);
-    let (settings, _) = contents.settle(&own, |settings| settings.check(Role::LEAD));
+    let (settings, _) = contents.resolve(&own, |settings| settings.check(Role::LEAD));
     assert_eq!(settings.robot.geometry.wheel_radius_m, 0.0731);
 }

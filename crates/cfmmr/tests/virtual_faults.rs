@@ -4,7 +4,7 @@ use crate::program::assert_refused;
 use host_sim::scenario::Scenario;
 use remote::images::Images;
 use remote::virtual_robot::faults::{
-    Campaign, Case, End, Entry, Outcome, UnderWay, catalogue, reference, run,
+    Campaign, End, Entry, FaultCase, Outcome, SharedRobots, catalogue, reference, run,
 };
 use std::collections::HashSet;
 
@@ -18,13 +18,13 @@ fn outcomes(entries: &[Entry]) -> Vec<Outcome> {
         quick: true,
     };
     let reference = reference(&campaign, SEED, AFTER_MS).unwrap();
-    let case = |entry| Case {
+    let case = |entry| FaultCase {
         entry,
         after_ms: AFTER_MS,
         seed: SEED,
     };
-    let cases: Vec<Case> = entries.iter().map(case).collect();
-    let robots = UnderWay::of(&cases);
+    let cases: Vec<FaultCase> = entries.iter().map(case).collect();
+    let robots = SharedRobots::of(&cases);
     let run = |case| run(&campaign, case, &reference, &robots).unwrap();
     cases.iter().map(run).collect()
 }

@@ -17,9 +17,9 @@ fn traced() -> &'static Path {
         let folder = tempfile::tempdir().unwrap();
         let files = "--profile";
         let arguments = format!("--stop-after 1.2 --out . {files}");
-        let said = posture(folder.path(), &arguments).ends_with(0).out;
+        let output = posture(folder.path(), &arguments).ends_with(0).out;
         for words in ["front board\n", "with preemption"] {
-            assert!(said.contains(words), "{words}: {said}");
+            assert!(output.contains(words), "{words}: {output}");
         }
         folder
     });
@@ -60,10 +60,13 @@ fn profile_sums_to_the_load_and_has_the_longest_tick() {
         let interrupts = profile["interrupts"].as_array().unwrap();
         let of = |handler: &str| interrupts.iter().find(|i| i["name"] == handler).unwrap();
         // Longest tick measured by the board's own counter.
-        let told = board["longest_tick_us"].as_f64().unwrap();
-        let seen = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
+        let board_us = board["longest_tick_us"].as_f64().unwrap();
+        let interrupt_us = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
         // The interrupt includes the health report of 30 to 35 µs, which the board does not count.
-        assert!((seen - told).abs() < 45.0, "{name}: {seen} {told}");
+        assert!(
+            (interrupt_us - board_us).abs() < 45.0,
+            "{name}: {interrupt_us} {board_us}"
+        );
     }
 }
 
@@ -71,10 +74,10 @@ fn profile_sums_to_the_load_and_has_the_longest_tick() {
 fn rear_board_without_power_stops_the_robot() {
     let folder = tempfile::tempdir().unwrap();
     let run = posture(folder.path(), "--kill rear@1.2 --out .").ends_with(1);
-    let (said, told) = (run.error, run.out);
+    let (error, output) = (run.error, run.out);
     assert!(
-        said.contains("the rear board was lost") && told.contains("FrontAxle: Fault, neighbour"),
-        "{said}"
+        error.contains("the rear board was lost") && output.contains("FrontAxle: Fault, neighbour"),
+        "{error}"
     );
     let result = json_file(folder.path(), "result.json");
     let events = result["events"].as_array().unwrap();
@@ -89,8 +92,8 @@ fn rear_board_without_power_stops_the_robot() {
         .filter(|line| line.contains(" WARN ") || line.contains(" ERROR "));
     for warning in warnings {
         assert!(
-            said.contains(&format!("front board: {warning}")),
-            "{warning}: {said}"
+            error.contains(&format!("front board: {warning}")),
+            "{warning}: {error}"
         );
     }
 }

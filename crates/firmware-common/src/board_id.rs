@@ -36,11 +36,11 @@ impl Strap {
         }
     }
 
-    /// Axle of the board; `place` is the axle for a grounded strap.
-    pub const fn axle(self, place: AxleId) -> AxleId {
+    /// Axle of the board; `grounded_axle` is the axle for a grounded strap.
+    pub const fn axle(self, grounded_axle: AxleId) -> AxleId {
         match self {
             Self::Open => AxleId(0),
-            Self::Ground => place,
+            Self::Ground => grounded_axle,
         }
     }
 }
@@ -59,10 +59,10 @@ mod tests {
 
     /// An open strap is always axle 0: a board with a missing strap never drives as an inner axle.
     #[test]
-    fn place_counts_only_with_the_strap_at_ground() {
-        for place in (1..MAX_AXLES as u8).map(AxleId) {
-            assert_eq!(Strap::Open.axle(place), AxleId(0));
-            assert_eq!(Strap::Ground.axle(place), place);
+    fn grounded_axle_counts_only_with_the_strap_at_ground() {
+        for grounded_axle in (1..MAX_AXLES as u8).map(AxleId) {
+            assert_eq!(Strap::Open.axle(grounded_axle), AxleId(0));
+            assert_eq!(Strap::Ground.axle(grounded_axle), grounded_axle);
         }
     }
 }

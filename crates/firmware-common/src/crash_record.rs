@@ -30,23 +30,23 @@ impl Faults {
 }
 
 /// Longest message, bytes.
-pub const ROOM: usize = 160;
+pub const MAX_BYTES: usize = 160;
 
 /// Marks memory as a record of this layout; each layout has its own value.
 const MAGIC: u32 = 0x6661_7533;
 
-/// Text of at most [`ROOM`] bytes; longer text is cut off.
+/// Text of at most [`MAX_BYTES`] bytes; longer text is cut off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Text {
-    bytes: [u8; ROOM],
+    bytes: [u8; MAX_BYTES],
     length: u32,
 }
 
 impl Text {
     /// No text.
     pub const EMPTY: Self = Self {
-        bytes: [0; ROOM],
+        bytes: [0; MAX_BYTES],
         length: 0,
     };
 
@@ -59,7 +59,7 @@ impl Text {
 impl Write for Text {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let from = self.length as usize;
-        let room = ROOM.saturating_sub(from);
+        let room = MAX_BYTES.saturating_sub(from);
         let fit = text.floor_char_boundary(room);
         let places = self.bytes.iter_mut().skip(from);
         for (place, byte) in places.zip(text.as_bytes().iter().take(fit)) {
@@ -176,10 +176,10 @@ mod tests {
     #[test]
     fn long_message_is_cut_at_a_character_boundary() {
         let mut text = Text::EMPTY;
-        let long = "µ".repeat(ROOM);
+        let long = "µ".repeat(MAX_BYTES);
         assert!(write!(text, "a{long}").is_err());
         let kept = text.as_str().unwrap();
-        assert_eq!(kept.len(), ROOM - 1);
+        assert_eq!(kept.len(), MAX_BYTES - 1);
         assert!(kept.starts_with("aµ") && kept.ends_with('µ'));
         assert!(write!(text, "b").is_ok() && write!(text, "c").is_err());
     }

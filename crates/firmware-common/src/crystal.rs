@@ -20,8 +20,8 @@ const EDGES: u32 = 8;
 /// Captures per measurement; the counter overflows after 4 ms, so the captures must be closer than that.
 const CAPTURES: u32 = 32;
 /// Polls of a flag, about 10 cycles each: 0.1 s for the start, 1 ms for a capture.
-const START_LOOKS: u32 = 160_000;
-const CAPTURE_LOOKS: u32 = 1_600;
+const START_POLLS: u32 = 160_000;
+const CAPTURE_POLLS: u32 = 1_600;
 /// Value of TIM11's option register that connects the divided crystal to the timer.
 const HSE_RTC: u32 = 2;
 /// Half a blink period, turns of a three-cycle delay: 20 flashes a second.
@@ -54,7 +54,7 @@ pub(crate) fn check() {
 /// Switches the crystal on; `None` if it does not start within 0.1 s.
 fn start() -> Option<()> {
     RCC.cr().modify(|w| w.set_hseon(true));
-    (0..START_LOOKS)
+    (0..START_POLLS)
         .find(|_| RCC.cr().read().hserdy())
         .map(drop)
 }
@@ -90,6 +90,6 @@ fn measure() -> Option<u32> {
 
 /// Counter value at the next capture; `None` after 1 ms.
 fn capture() -> Option<u16> {
-    (0..CAPTURE_LOOKS).find(|_| TIM11.sr().read().ccif(0))?;
+    (0..CAPTURE_POLLS).find(|_| TIM11.sr().read().ccif(0))?;
     Some(TIM11.ccr(0).read().ccr())
 }

@@ -72,8 +72,8 @@ pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> (Faults, Text) {
         }
         record.faults.watchdog = record.faults.watchdog.saturating_add(by_watchdog.into());
         let message = core::mem::replace(&mut record.message, Text::EMPTY);
-        let told = message.as_str().is_some_and(|text| !text.is_empty());
-        RESTARTED.store(by_watchdog || told, Ordering::Relaxed);
+        let has_message = message.as_str().is_some_and(|text| !text.is_empty());
+        RESTARTED.store(by_watchdog || has_message, Ordering::Relaxed);
         critical_section::with(|cs| LAST.borrow(cs).set(message));
         (record.faults, message)
     })

@@ -5,11 +5,11 @@
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, AtomicUsize, Ordering};
 
 use core_algos::bus::CanFrame;
-use core_algos::link::attendant::REPORT_ENTRIES;
 use core_algos::link::record::{Entry, MAX_ENTRY};
+use core_algos::link::run_link::REPORT_ENTRIES;
 
 /// Capacity in words: twice what all boards write in two epochs. A power of two.
-const ROOM: usize = 512;
+const CAPACITY: usize = 512;
 
 /// Marks an unencoded frame; stands in place of the length.
 const FRAME: u32 = 0xff;
@@ -23,7 +23,7 @@ pub struct Ring {
     watched: AtomicBool,
     /// Entries lost because the ring was full, modulo 65 536.
     lost: AtomicU16,
-    words: [AtomicU32; ROOM],
+    words: [AtomicU32; CAPACITY],
     /// Words written and read since the start, modulo 2³².
     written: AtomicUsize,
     read: AtomicUsize,
@@ -35,7 +35,7 @@ impl Ring {
         Self {
             watched: AtomicBool::new(false),
             lost: AtomicU16::new(0),
-            words: [const { AtomicU32::new(0) }; ROOM],
+            words: [const { AtomicU32::new(0) }; CAPACITY],
             written: AtomicUsize::new(0),
             read: AtomicUsize::new(0),
         }
@@ -102,12 +102,12 @@ impl Recorder {
         let written = ring.written.load(Ordering::Relaxed);
         let used = written.wrapping_sub(ring.read.load(Ordering::Acquire));
         let count = words.len();
-        if ROOM - used < count {
+        if CAPACITY - used < count {
             ring.lost.fetch_add(1, Ordering::Relaxed);
             return;
         }
         for (k, word) in words.enumerate() {
-            ring.words[written.wrapping_add(k) % ROOM].store(word, Ordering::Relaxed);
+            ring.words[written.wrapping_add(k) % CAPACITY].store(word, Ordering::Relaxed);
         }
         ring.written
             .store(written.wrapping_add(count), Ordering::Release);
@@ -147,8 +147,8 @@ impl Reader {
         self.behind
     }
 
-    /// Takes the oldest entries that fit into `most` bytes.
-    pub fn take(&mut self, most: usize) -> Entries {
+    /// Takes the oldest entries that fit into `max_bytes` bytes.
+    pub fn take(&mut self, max_bytes: usize) -> Entries {
         let ring = self.ring;
         let mut entries = Entries::new();
         self.behind = false;
@@ -157,7 +157,8 @@ impl Reader {
             if read == ring.written.load(Ordering::Acquire) {
                 return entries;
             }
-            let word = |k: usize| ring.words[read.wrapping_add(k) % ROOM].load(Ordering::Relaxed);
+            let word =
+                |k: usize| ring.words[read.wrapping_add(k) % CAPACITY].load(Ordering::Relaxed);
             let mut entry = [0; MAX_ENTRY + 4];
             let (bytes, count) = match word(0) & 0xff {
                 FRAME => (frame(&mut entry, [word(0), word(1), word(2)]), 3),
@@ -170,7 +171,7 @@ impl Reader {
                     (entry.get(1..=length).unwrap_or_default(), words(length))
                 }
             };
-            self.behind = entries.len() + bytes.len() > most;
+            self.behind = entries.len() + bytes.len() > max_bytes;
             if self.behind || entries.extend_from_slice(bytes).is_err() {
                 return entries;
             }
@@ -256,9 +257,9 @@ mod tests {
             written.push(put(&mut recorder, k));
             // The limit varies, so that some entries do not fit.
             if k % 5 == 0 {
-                let most = REPORT_ENTRIES - usize::from(k % 40);
-                let entries = reader.take(most);
-                assert!(entries.len() <= most);
+                let max_bytes = REPORT_ENTRIES - usize::from(k % 40);
+                let entries = reader.take(max_bytes);
+                assert!(entries.len() <= max_bytes);
                 taken.extend(texts(&entries));
             }
         }

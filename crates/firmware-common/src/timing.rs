@@ -61,11 +61,11 @@ impl Stopwatch {
 
     /// Largest jitter and longest duration since the last call.
     pub fn take(&mut self) -> Timing {
-        const MOST: u16 = 4095;
+        const MAX_US: u16 = 4095;
         let longest = self.longest.div_ceil(CYCLES_PER_US);
         let timing = Timing {
-            jitter_us: self.jitter.min(MOST.into()) as u16,
-            longest_us: longest.min(MOST.into()) as u16,
+            jitter_us: self.jitter.min(MAX_US.into()) as u16,
+            longest_us: longest.min(MAX_US.into()) as u16,
         };
         (self.jitter, self.longest) = (0, 0);
         timing

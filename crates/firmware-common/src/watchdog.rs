@@ -25,7 +25,7 @@ const EXTENDED_US: u32 = 30_000_000;
 
 /// Polls of the status, about 10 cycles each, after which the watchdog must have accepted its registers. Accepting
 /// them takes five periods of its oscillator, at most 0.3 ms or 50 000 cycles.
-const STATUS_LOOKS: u32 = 100_000;
+const STATUS_POLLS: u32 = 100_000;
 
 type Driver = wdg::IndependentWatchdog<'static, peripherals::IWDG>;
 
@@ -84,7 +84,7 @@ fn set<const TIMEOUT_US: u32>() -> Driver {
         let status = pac::IWDG.sr().read();
         status.pvu() || status.rvu()
     };
-    if (0..STATUS_LOOKS).all(|_| busy()) {
+    if (0..STATUS_POLLS).all(|_| busy()) {
         fault::watchdog_missing("independent");
     }
     watchdog.pet();

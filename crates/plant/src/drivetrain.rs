@@ -21,8 +21,8 @@ use super::wheel::{Conditions, Wheels};
 #[derive(Clone, Debug)]
 pub struct Drivetrain {
     /// Half of the backlash, rad at the wheel.
-    half_play: [f64; 4],
-    play: bool,
+    half_backlash: [f64; 4],
+    has_backlash: bool,
     /// Inertia of a rotor, at the wheel, kg m².
     rotor: f64,
     cogging: f64,
@@ -43,10 +43,10 @@ impl Drivetrain {
         let [[e, f], [g, h]] = [phase[first], phase[last]];
         // Missing wheels get no backlash, which would keep the group on the slower branch.
         let half = if last == first { 0.0 } else { 0.5 };
-        let half_play = [0.5 * a, 0.5 * b, half * c, half * d];
+        let half_backlash = [0.5 * a, 0.5 * b, half * c, half * d];
         Self {
-            half_play,
-            play: half_play != [0.0; 4],
+            half_backlash,
+            has_backlash: half_backlash != [0.0; 4],
             rotor: config.rotor_inertia_share * config.wheel_inertia_kg_m2,
             cogging: config.cogging_torque_n_m,
             periods: config.cogging_periods,
@@ -60,16 +60,16 @@ impl Drivetrain {
     pub fn place(&mut self, wheels: &mut Wheels) {
         (self.gap, self.speed) = ([0.0; 4], [0.0; 4]);
         for w in 0..4 {
-            if self.half_play[w] > 0.0 {
-                wheels.part(w, self.rotor);
+            if self.half_backlash[w] > 0.0 {
+                wheels.disengage(w, self.rotor);
             }
         }
     }
 
     /// True if any gear has backlash.
     #[inline(always)]
-    pub fn has_play(&self) -> bool {
-        self.play
+    pub fn has_backlash(&self) -> bool {
+        self.has_backlash
     }
 
     /// True if the motors cog.
@@ -105,7 +105,7 @@ impl Drivetrain {
     #[inline(always)]
     fn motor(&self, axle: &[AxleState], w: usize) -> (f64, f64) {
         let (axle, side) = (&axle[w / 2], w % 2);
-        let speed = if self.half_play[w] > 0.0 {
+        let speed = if self.half_backlash[w] > 0.0 {
             self.speed[w]
         } else {
             axle.wheel_speed[side]
@@ -123,7 +123,7 @@ impl Drivetrain {
         (before, h): ([f64; 4], f64),
     ) {
         for w in 0..2 * axle.len() {
-            if self.half_play[w] == 0.0 {
+            if self.half_backlash[w] == 0.0 {
                 continue;
             }
             let (axle, side) = (&mut axle[w / 2], w % 2);
@@ -132,7 +132,7 @@ impl Drivetrain {
                 let passed = axle.torque[side] - self.rotor * (now - before[w]) / h;
                 self.speed[w] = now;
                 if passed * self.gap[w] < 0.0 {
-                    wheels.part(w, self.rotor);
+                    wheels.disengage(w, self.rotor);
                 }
                 continue;
             }
@@ -142,10 +142,10 @@ impl Drivetrain {
             axle.torque[side] = driving;
             self.gap[w] += 0.5 * h * (was + spun - before[w] - now);
             self.speed[w] = spun;
-            if self.gap[w].abs() >= self.half_play[w] {
-                self.gap[w] = self.half_play[w].copysign(self.gap[w]);
+            if self.gap[w].abs() >= self.half_backlash[w] {
+                self.gap[w] = self.half_backlash[w].copysign(self.gap[w]);
                 let wheel = wheels.inertia[w];
-                wheels.meet(w);
+                wheels.engage(w);
                 let common = (self.rotor * spun + wheel * now) / wheels.inertia[w];
                 (self.speed[w], axle.wheel_speed[side]) = (common, common);
             }

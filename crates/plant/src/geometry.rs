@@ -106,12 +106,12 @@ impl Geometry {
     #[inline(always)]
     pub fn transpose(&self, w: &Vec3) -> [Vec3; 2] {
         let force = rotate(&[w[0], w[1]], self.root);
-        let [along, across] = unrotate(&force, self.turn);
+        let [forward, left] = unrotate(&force, self.turn);
         [
             [
-                along,
-                across,
-                w[2] + self.tip[0] * across - self.tip[1] * along,
+                forward,
+                left,
+                w[2] + self.tip[0] * left - self.tip[1] * forward,
             ],
             [
                 -force[0],

@@ -161,8 +161,8 @@ impl Plant {
     /// `midpoint` (m, m, rad). Time, wheel angles and counters become zero.
     pub fn place(&mut self, midpoint: Vec3) {
         self.frames.iter_mut().for_each(Frame::unload);
-        let seen = self.straight(0.0);
-        let [x, y, _] = seen[0];
+        let unrotated = self.straight(0.0);
+        let [x, y, _] = unrotated[0];
         // O's heading is from the last axle to the first.
         let chain = self.straight(midpoint[2] - libm::atan2(y, x));
         let middles = chain
@@ -185,7 +185,7 @@ impl Plant {
             group.conditions = Conditions::default();
             group.drivetrain.place(&mut group.wheels);
         }
-        self.bear();
+        self.apply_loads();
         self.health = Health::default();
         locate::<Narrow>(&self.axles, &mut self.frames);
         for (f, frame) in self.frames.iter_mut().enumerate() {
@@ -219,10 +219,10 @@ impl Plant {
     }
 
     /// Applies the present loads to the wheels.
-    fn bear(&mut self) {
+    fn apply_loads(&mut self) {
         for (g, group) in self.groups.iter_mut().enumerate() {
             group.conditions.load = of_wheels(&self.loads.now, 2 * g);
-            group.wheels.bear(&group.conditions.load);
+            group.wheels.update_radii(&group.conditions.load);
         }
         for (axle, load) in self.axles.iter_mut().zip(&self.loads.now) {
             axle.load = *load;
@@ -303,10 +303,10 @@ impl Plant {
             for f in 1..F {
                 geometry[f] = frames[f].geometry;
             }
-            let along: [[f64; 2]; N] = downhill(gravity, &geometry);
+            let local_gravity: [[f64; 2]; N] = downhill(gravity, &geometry);
             for i in 0..N {
-                axles[i].acceleration[0] -= along[i][0];
-                axles[i].acceleration[1] -= along[i][1];
+                axles[i].acceleration[0] -= local_gravity[i][0];
+                axles[i].acceleration[1] -= local_gravity[i][1];
             }
         }
         self.health.steps += 1;
@@ -320,7 +320,7 @@ impl Plant {
                 base += libm::hypot(frame.geometry.position[0], frame.geometry.position[1]);
             }
             self.loads.follow(&self.axles, base / F as f64);
-            self.bear();
+            self.apply_loads();
         }
     }
 
@@ -378,7 +378,7 @@ impl Plant {
             if group.drivetrain.cogs() {
                 group.conditions.cogging = group.drivetrain.cogging::<V>(axles, h);
             }
-            if group.wheels.moved() {
+            if group.wheels.has_drift() {
                 let directions = pair(&directions_of::<N, F>(&geometry), 2 * k);
                 group.conditions.drift = drift(self.carpet, axles, directions, h);
             }
@@ -407,9 +407,9 @@ impl Plant {
         for k in 0..G {
             let own = groups[k].wheels.load(&implicit.wheels[k], &now[k], &now[k]);
             for (i, own) in (2 * k..N).zip(own) {
-                load[i] = bodies[i].swung(&own, start[i][2]);
+                load[i] = bodies[i].with_centrifugal_force(&own, start[i][2]);
                 if let Some(gravity) = &gravity {
-                    load[i] = bodies[i].pulled(&load[i], unrotate(&gravity[i], [1.0, 0.0]));
+                    load[i] = bodies[i].with_gravity(&load[i], unrotate(&gravity[i], [1.0, 0.0]));
                 }
             }
         }
@@ -456,9 +456,9 @@ impl Plant {
             then[k].torque = then[k].torque - spin1[k] * (inertia / V::splat(g));
             let own = group.wheels.load(&implicit.wheels[k], &now[k], &then[k]);
             for (i, own) in (2 * k..N).zip(own) {
-                load[i] = bodies[i].swung(&own, body[i][2]);
+                load[i] = bodies[i].with_centrifugal_force(&own, body[i][2]);
                 if let Some(gravity) = &gravity {
-                    load[i] = bodies[i].pulled(&load[i], unrotate(&gravity[i], turns[i]));
+                    load[i] = bodies[i].with_gravity(&load[i], unrotate(&gravity[i], turns[i]));
                 }
             }
         }
@@ -551,7 +551,7 @@ impl Plant {
         linearise(axles, frames);
         for k in 0..G {
             let group = &mut groups[k];
-            if group.drivetrain.has_play() {
+            if group.drivetrain.has_backlash() {
                 let axles = of_group_mut(axles, k);
                 group
                     .drivetrain

@@ -6,15 +6,18 @@ use super::state::AxleState;
 use declare::{Allowed, Checked, ConfigError};
 
 /// Standard gravity, m/s².
-const GRAVITY: f64 = 9.806_65;
+const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// Gravity into the floor (m/s²) and along the floor, in the global frame (m/s²).
 pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     let (slope, downhill) = (config.slope_rad, config.downhill_rad);
-    let along = GRAVITY * libm::sin(slope);
+    let downslope = GRAVITY_M_S2 * libm::sin(slope);
     (
-        GRAVITY * libm::cos(slope),
-        [along * libm::cos(downhill), along * libm::sin(downhill)],
+        GRAVITY_M_S2 * libm::cos(slope),
+        [
+            downslope * libm::cos(downhill),
+            downslope * libm::sin(downhill),
+        ],
     )
 }
 
@@ -75,7 +78,7 @@ impl Body {
 
     /// Load plus the centrifugal force at a yaw rate.
     #[inline(always)]
-    pub fn swung(&self, load: &Vec3, rate: f64) -> Vec3 {
+    pub fn with_centrifugal_force(&self, load: &Vec3, rate: f64) -> Vec3 {
         let square = rate * rate;
         [
             load[0] + square * self.moment[0],
@@ -86,7 +89,7 @@ impl Body {
 
     /// Load plus gravity along the floor (m/s², in the body's frame).
     #[inline(always)]
-    pub fn pulled(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
+    pub fn with_gravity(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
         add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
     }
 

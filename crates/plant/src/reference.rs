@@ -291,10 +291,10 @@ impl Reference {
         let [fx, fy, moment] = load;
         let turning = (moment - (x * fy - y * fx)) / inertia;
         // Gravity along the floor acts at the centre of mass.
-        let along = 9.806_65 * libm::sin(c.slope_rad);
+        let downslope = 9.806_65 * libm::sin(c.slope_rad);
         let (gx, gy) = (
-            along * libm::cos(c.downhill_rad),
-            along * libm::sin(c.downhill_rad),
+            downslope * libm::cos(c.downhill_rad),
+            downslope * libm::sin(c.downhill_rad),
         );
         [
             gx + fx / mass + turning * y + yaw * yaw * x,

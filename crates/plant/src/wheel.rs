@@ -28,7 +28,7 @@ use super::lanes::Lanes;
 use super::state::AxleState;
 
 /// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
-const ROLLING_FADE: f64 = 0.05;
+const ROLLING_FADE_RAD_S: f64 = 0.05;
 
 /// Constants of the four wheels of two neighbouring axles: left and right ahead, then left and right behind. The last
 /// axle of an odd number has no neighbour: two wheels without friction fill the four.
@@ -48,11 +48,11 @@ pub struct Wheels {
     pub inertia: [f64; 4],
     /// 1 where a motor turns with its wheel, 0 where the teeth are apart.
     meshed: [f64; 4],
-    apart: bool,
+    any_disengaged: bool,
     rolling: f64,
     /// Motion aside over motion ahead.
     side: [f64; 4],
-    moved: bool,
+    has_drift: bool,
     stall: f64,
     slope: f64,
     limit: f64,
@@ -136,10 +136,10 @@ impl Wheels {
             whole_inertia: config.wheel_inertia_kg_m2,
             inertia: [config.wheel_inertia_kg_m2; 4],
             meshed: [1.0; 4],
-            apart: false,
+            any_disengaged: false,
             rolling: config.rolling_resistance,
             side: [ahead, ahead, behind, behind],
-            moved: config.side_slip.entries().iter().any(|slip| *slip != 0.0)
+            has_drift: config.side_slip.entries().iter().any(|slip| *slip != 0.0)
                 || config.carpet_drift != [0.0; 2],
             stall: config.stall_torque_n_m,
             slope: config.stall_torque_n_m / config.no_load_speed_rad_s,
@@ -162,17 +162,17 @@ impl Wheels {
     }
 
     /// Separates a motor from its wheel; `rotor` is the inertia of the rotor at the wheel, kg m².
-    pub fn part(&mut self, wheel: usize, rotor: f64) {
+    pub fn disengage(&mut self, wheel: usize, rotor: f64) {
         self.meshed[wheel] = 0.0;
         self.inertia[wheel] = self.whole_inertia - rotor;
-        self.apart = true;
+        self.any_disengaged = true;
     }
 
     /// Couples a motor to its wheel.
-    pub fn meet(&mut self, wheel: usize) {
+    pub fn engage(&mut self, wheel: usize) {
         self.meshed[wheel] = 1.0;
         self.inertia[wheel] = self.whole_inertia;
-        self.apart = self.meshed != [1.0; 4];
+        self.any_disengaged = self.meshed != [1.0; 4];
     }
 
     /// True if the motor of this wheel turns with the wheel.
@@ -183,7 +183,7 @@ impl Wheels {
 
     /// Sets the radii under these loads, N.
     #[inline(always)]
-    pub fn bear(&mut self, load: &[f64; 4]) {
+    pub fn update_radii(&mut self, load: &[f64; 4]) {
         if self.softness > 0.0 {
             let [radius, nominal] = &self.nominal;
             for w in 0..4 {
@@ -195,8 +195,8 @@ impl Wheels {
 
     /// True if wheels have side slip or drift of the ground.
     #[inline(always)]
-    pub fn moved(&self) -> bool {
-        self.moved
+    pub fn has_drift(&self) -> bool {
+        self.has_drift
     }
 
     /// Velocities at the wheels for body velocities (forward, left, yaw rate) of the two axles.
@@ -218,11 +218,11 @@ impl Wheels {
         let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
         // Motion free of force beside a unit ahead. The linearisation leaves out its slope.
         let (mut ahead, mut aside) = (none, none);
-        let (fade, mut faded) = (V::splat(ROLLING_FADE), none);
-        if self.moved || self.rolling > 0.0 {
+        let (fade, mut faded) = (V::splat(ROLLING_FADE_RAD_S), none);
+        if self.has_drift || self.rolling > 0.0 {
             faded = V::splat(1.0) / (speed.abs() + fade);
         }
-        if self.moved {
+        if self.has_drift {
             let sign = speed * faded;
             ahead = sign * V::load(&c.drift[0]);
             aside = V::load(&self.side) + sign * V::load(&c.drift[1]);
@@ -261,12 +261,12 @@ impl Wheels {
         let mut drag = (gain - free).where_equal(motor, lined);
         let motor = motor + V::load(&c.cogging);
         let mut torque = motor - radius * force[0];
-        if self.apart {
+        if self.any_disengaged {
             let meshed = V::load(&self.meshed);
             drag = drag * meshed;
             torque = motor * meshed - radius * force[0];
         }
-        if self.moved {
+        if self.has_drift {
             torque = torque - radius * (ahead * force[0] + aside * force[1]);
         }
         if self.rolling > 0.0 {
@@ -444,8 +444,8 @@ mod tests {
                         let force = fx[w].hypot(fy[w]);
                         assert!(force < 0.7 * LOAD);
                         assert!(size < 1.0 || force > 0.95 * 0.7 * LOAD);
-                        let along = -(fx[w] * slip[0] + fy[w] * slip[1]);
-                        assert!((along - force * size).abs() < 1e-9 * force * size);
+                        let opposing = -(fx[w] * slip[0] + fy[w] * slip[1]);
+                        assert!((opposing - force * size).abs() < 1e-9 * force * size);
                     }
                 }
             }

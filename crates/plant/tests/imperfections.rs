@@ -18,7 +18,7 @@ fn brush() -> PlantConfig {
 }
 
 /// All imperfections at once, larger than real ones.
-fn crooked() -> PlantConfig {
+fn imperfect_robot() -> PlantConfig {
     PlantConfig {
         friction: 0.6,
         static_excess: 0.2,
@@ -170,7 +170,7 @@ fn energy_never_grows() {
         cogging_torque_n_m: 0.0,
         // The lag of load transfer is no part of the energy balance.
         center_of_mass_height_m: 0.0,
-        ..crooked()
+        ..imperfect_robot()
     };
     for (config, substeps, allowed) in [
         (PlantConfig::default(), 1, 1e-6),
@@ -234,8 +234,8 @@ fn conserves_momentum(payload_kg: [f64; 2], allowed: f64) {
             add([4.76, 5.36][i], [x, y], velocity);
             let [ahead, aside] = config.payload_position_m[i];
             let (dx, dy) = (c * ahead - s * aside, s * ahead + c * aside);
-            let swung = [velocity[0] - w * dy, velocity[1] + w * dx];
-            add(config.payload_kg[i], [x + dx, y + dy], swung);
+            let payload_velocity = [velocity[0] - w * dy, velocity[1] + w * dx];
+            add(config.payload_kg[i], [x + dx, y + dy], payload_velocity);
             spin += config.yaw_inertia_kg_m2[i] * w;
         }
         p[2] += spin;
@@ -282,7 +282,7 @@ fn loads_add_up_to_the_weight_with_a_lifted_wheel() {
     let config = PlantConfig {
         center_of_mass_height_m: 0.5,
         friction: 1.5,
-        ..crooked()
+        ..imperfect_robot()
     };
     let mut plant = build(&config);
     let weight = (2.0 * 4.76 + 0.6 + 2.3) * GRAVITY;
@@ -392,9 +392,9 @@ fn clamps_set_the_unloaded_posture() {
 /// At a reversal the motor crosses the backlash under its torque alone while the wheel rolls on.
 #[test]
 fn reversed_motor_crosses_its_backlash() {
-    let (play, torque) = (0.02f64, 0.3);
+    let (backlash, torque) = (0.02f64, 0.3);
     let config = PlantConfig {
-        backlash_rad: [[play; 2]; 2].into(),
+        backlash_rad: [[backlash; 2]; 2].into(),
         ..brush()
     };
     let mut plant = build(&config);
@@ -403,11 +403,11 @@ fn reversed_motor_crosses_its_backlash() {
         let axle = plant.axles()[0];
         axle.motor_angle[0] - axle.wheel_angle[0]
     };
-    assert!((gap(&plant) - 0.5 * play).abs() < 1e-9);
+    assert!((gap(&plant) - 0.5 * backlash).abs() < 1e-9);
     let speed = plant.axles()[0].wheel_speed[0];
     let mut crossing = 0;
     let mut rolling = speed;
-    while gap(&plant) > -0.5 * play + 1e-9 {
+    while gap(&plant) > -0.5 * backlash + 1e-9 {
         // The wheel is not driven: its speed changes only by recovery of the tyre's slip.
         assert!((rolling - speed).abs() < 0.2, "{rolling} {speed}");
         plant.step(&[[-torque; 2]; 2]);
@@ -415,12 +415,12 @@ fn reversed_motor_crosses_its_backlash() {
         crossing += 1;
         assert!(crossing < 100);
     }
-    let expected = 1e3 * (2.0 * play * 0.003 / torque).sqrt();
+    let expected = 1e3 * (2.0 * backlash * 0.003 / torque).sqrt();
     let late = f64::from(crossing) - expected;
     assert!(late.abs() < 2.5, "{crossing} {expected}");
     // Then motor and wheel turn together, on the other flank.
     run(&mut plant, 300, [[-torque; 2]; 2]);
-    assert!((gap(&plant) + 0.5 * play).abs() < 1e-9);
+    assert!((gap(&plant) + 0.5 * backlash).abs() < 1e-9);
 }
 
 /// Motor and wheel together gain the impulse of the motor's torque, with teeth in contact or apart.
@@ -495,7 +495,11 @@ fn vector_and_portable_code_agree_to_the_bit() {
         ..PlantConfig::default()
     };
     let mut snaps = 0;
-    for (config, amplitude) in [(crooked(), 0.6), (PlantConfig::default(), 0.4), (soft, 1.6)] {
+    for (config, amplitude) in [
+        (imperfect_robot(), 0.6),
+        (PlantConfig::default(), 0.4),
+        (soft, 1.6),
+    ] {
         let mut one = build(&config);
         let mut other = one.portable();
         for k in 0..8000 {
@@ -512,7 +516,7 @@ fn vector_and_portable_code_agree_to_the_bit() {
 
 #[test]
 fn copied_plant_and_placed_plant_repeat_to_the_bit() {
-    for config in [crooked(), PlantConfig::default()] {
+    for config in [imperfect_robot(), PlantConfig::default()] {
         let run = |plant: &mut Plant| {
             drive(plant, 1500, 0.6);
             plant.axles().to_vec()
@@ -528,8 +532,8 @@ fn copied_plant_and_placed_plant_repeat_to_the_bit() {
 
 #[test]
 fn invalid_constant_is_refused_by_name() {
-    type Spoil = fn(&mut PlantConfig);
-    let spoilt: [(&str, Spoil); 21] = [
+    type Invalidate = fn(&mut PlantConfig);
+    let invalid: [(&str, Invalidate); 21] = [
         ("mass_kg[1]", |c| c.mass_kg.entries_mut()[1] = f64::NAN),
         ("strip_length_m", |c| c.strip_length_m = 0.0),
         ("wheel_radius_m[0][1]", |c| {
@@ -582,9 +586,9 @@ fn invalid_constant_is_refused_by_name() {
         }),
         ("clamp_angle_tip_rad", |c| c.clamp_angle_tip_rad = 0.7),
     ];
-    for (field, spoil) in spoilt {
+    for (field, invalidate) in invalid {
         let mut config = PlantConfig::default().for_axles(2).unwrap();
-        spoil(&mut config);
+        invalidate(&mut config);
         let error = config.build(2).unwrap_err();
         let text = error.to_string();
         assert!(text.starts_with(&format!("{field} = ")), "{text}");

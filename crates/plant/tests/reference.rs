@@ -31,7 +31,7 @@ fn brush_tyre_follows_the_reference() {
     }
 }
 
-fn crooked() -> PlantConfig {
+fn imperfect_robot() -> PlantConfig {
     PlantConfig {
         static_excess: 0.2,
         side_slip: [0.02, -0.01].into(),
@@ -49,7 +49,7 @@ fn crooked() -> PlantConfig {
 #[test]
 fn robot_with_imperfections_follows_the_reference() {
     for (drive, allowed) in [(NORMAL, [5e-5, 5e-4]), (HARSH, [1.5e-4, 8e-4])] {
-        let [position, heading] = drive.error(&crooked(), 2, 0.4).unwrap();
+        let [position, heading] = drive.error(&imperfect_robot(), 2, 0.4).unwrap();
         println!("{}: {position} m, {heading} rad", drive.name);
         assert!(position < allowed[0], "{}: {position} m", drive.name);
         assert!(heading < allowed[1], "{}: {heading} rad", drive.name);
@@ -63,7 +63,7 @@ fn robot_on_a_slope_follows_the_reference() {
             substeps: 4,
             slope_rad: 0.1,
             downhill_rad,
-            ..crooked()
+            ..imperfect_robot()
         };
         let [position, heading] = NORMAL.error(&config, 2, 0.4).unwrap();
         assert!(position < 3e-5, "{downhill_rad}: {position} m");
@@ -73,8 +73,8 @@ fn robot_on_a_slope_follows_the_reference() {
 
 #[test]
 fn comparison_fails_if_an_imperfection_is_left_out() {
-    type Mend = fn(&mut PlantConfig);
-    let mended: [(&str, Mend); 6] = [
+    type Remove = fn(&mut PlantConfig);
+    let removals: [(&str, Remove); 6] = [
         ("side slip", |c| c.side_slip = [0.0].into()),
         ("carpet", |c| c.carpet_drift = [0.0; 2]),
         ("payload", |c| c.payload_kg = [0.0].into()),
@@ -82,10 +82,10 @@ fn comparison_fails_if_an_imperfection_is_left_out() {
         ("lengths", |c| c.rigid_tip_m = 0.0),
         ("stiffness", |c| c.tyre = Tyre::brush(20.0)),
     ];
-    let full = crooked();
-    for (name, mend) in mended {
+    let full = imperfect_robot();
+    for (name, remove) in removals {
         let mut config = full.clone();
-        mend(&mut config);
+        remove(&mut config);
         let mut plant = config.build(2).unwrap();
         let whole = full.build(2).unwrap();
         let placed = [0, 1].map(|i| whole.axles()[i].posture);
@@ -113,7 +113,7 @@ fn comparison_fails_if_an_imperfection_is_left_out() {
 fn chain_of_axles_follows_the_reference() {
     let creep = PlantConfig::default();
     // All constants that the reference covers differ from axle to axle, so that a swapped entry is found.
-    let crooked = PlantConfig {
+    let imperfect_robot = PlantConfig {
         tyre: Tyre::Brush(Brush {
             slip_stiffness: [[15.0, 20.0], [26.0, 18.0], [22.0, 30.0], [12.0, 16.0]].into(),
             ..Brush::default()
@@ -144,7 +144,7 @@ fn chain_of_axles_follows_the_reference() {
     };
     for (axles, config, drive, allowed) in [
         (3, &creep, HARSH, [5e-6, 2e-4]),
-        (4, &crooked, HARSH, [5e-5, 2e-4]),
+        (4, &imperfect_robot, HARSH, [5e-5, 2e-4]),
         (5, &creep, NORMAL, [1e-6, 2e-5]),
     ] {
         let [position, heading] = drive.error(config, axles, 0.2).unwrap();

@@ -8,9 +8,9 @@ use output::files::{Cell, Csv};
 
 /// Row of a table: values with the names of their columns.
 #[derive(Debug, Default)]
-pub struct Row<'a>(Vec<(&'a str, Cell)>);
+pub struct CsvRow<'a>(Vec<(&'a str, Cell)>);
 
-impl<'a> Row<'a> {
+impl<'a> CsvRow<'a> {
     /// Appends values with the names of their columns, separated by spaces; NaN gives an empty cell.
     pub fn put<C: Copy + Into<Cell>>(&mut self, names: &'a str, values: &[C]) {
         let names = names.split(' ');
@@ -57,8 +57,8 @@ impl<'a> Row<'a> {
 
 /// Table of ends of runs, one per row.
 pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
-    Row::table(ends.into_iter().map(|end| {
-        let mut row = Row::default();
+    CsvRow::table(ends.into_iter().map(|end| {
+        let mut row = CsvRow::default();
         row.end(end);
         row
     }))

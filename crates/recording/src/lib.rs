@@ -37,7 +37,7 @@ mod writer;
 
 use core_algos::bus::CanFrame;
 use core_algos::link::framing::crc32c;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
@@ -48,7 +48,7 @@ use host_sim::run::end::RunEnd;
 use host_sim::run::robot::{Observer, Record, Robot};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_record::BoardEvent;
-use host_sim::targets::{HostCommand, Report, Target};
+use host_sim::targets::{HostCommand, Target, TargetReport};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -79,7 +79,7 @@ impl Destinations {
     pub fn check(&self) -> Result<(), Error> {
         log::check(self)?;
         if let Some(path) = &self.csv {
-            tables::Place::new(path)?;
+            tables::TableDestination::new(path)?;
         }
         Ok(())
     }
@@ -271,7 +271,7 @@ enum Line {
     /// Common time of the boards at the start of the run, µs.
     Zero(i64),
     /// The nodes of a board were started.
-    Start(Role, Box<(Start, Option<Report>)>),
+    Start(Role, Box<(Start, Option<TargetReport>)>),
     /// A board was switched off or lost.
     Off(Role, Off),
     /// The host sent a command to the lead node.
@@ -328,7 +328,7 @@ impl Line {
 }
 
 impl Start {
-    fn new(tick: u32, config: &RobotConfig, place: Option<&Place>) -> Self {
+    fn new(tick: u32, config: &RobotConfig, place: Option<&Placement>) -> Self {
         let parameters = Hex::of(config);
         Self {
             tick,
@@ -360,7 +360,7 @@ fn in_words(command: &HostCommand) -> String {
             format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
         }
         HostCommand::Task(task) => format!("{task:?}").to_lowercase(),
-        HostCommand::Place(place) => {
+        HostCommand::SetPose(place) => {
             let at = place.center.posture;
             format!("posture {} m, {} m, {} rad", at.x, at.y, at.phi)
         }

@@ -24,7 +24,7 @@ impl Mcap {
         match *self {}
     }
 
-    pub fn see(&mut self, _record: &Record) {
+    pub fn write_epoch(&mut self, _record: &Record) {
         match *self {}
     }
 

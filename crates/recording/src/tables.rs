@@ -15,14 +15,14 @@ use std::path::{Path, PathBuf};
 
 /// Destination of the tables: a file or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum TableDestination {
     /// Table of epochs only.
     File(PathBuf),
     /// Tables of epochs, ticks, frames and the end of the run.
     Folder(PathBuf),
 }
 
-impl Place {
+impl TableDestination {
     /// A file if the name of `path` ends in `.csv`, otherwise a folder.
     pub(super) fn new(path: &Path) -> Result<Self, Error> {
         let is_file = path
@@ -49,7 +49,7 @@ fn header(own: &[&str], schema: &Schema) -> Vec<String> {
 
 /// Tables of a run.
 pub struct Tables {
-    place: Place,
+    destination: TableDestination,
     robot: Topology,
     records: Vec<Record>,
     axles: Csv,
@@ -63,7 +63,7 @@ impl Tables {
     /// Empty tables of a robot, to be written to `path`: a file if its name ends in `.csv`, otherwise a folder.
     pub fn new(path: &Path, robot: Topology) -> Result<Self, Error> {
         Ok(Self {
-            place: Place::new(path)?,
+            destination: TableDestination::new(path)?,
             robot,
             records: Vec::new(),
             axles: Csv::new(header(&["time_s", "board"], &AxleTick::SCHEMA)),
@@ -79,7 +79,7 @@ impl Tables {
     }
 
     fn all(&self) -> bool {
-        matches!(self.place, Place::Folder(_))
+        matches!(self.destination, TableDestination::Folder(_))
     }
 
     /// Adds a line of the recording.
@@ -136,12 +136,12 @@ impl Tables {
     /// Writes the tables of a run with its end; returns the paths.
     pub fn write(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let epochs = csv::of_records(&self.records);
-        match self.place {
-            Place::File(path) => {
+        match self.destination {
+            TableDestination::File(path) => {
                 write_file(&path, epochs.into_bytes())?;
                 Ok(vec![path])
             }
-            Place::Folder(path) => {
+            TableDestination::Folder(path) => {
                 let mut files = OutputDir::create(path)?;
                 files.csv("epochs.csv", epochs);
                 files.csv("axles.csv", self.axles);

@@ -3,13 +3,15 @@
 use super::entry::{Can, HostCommandEntry, Off, Start};
 use super::{Line, Session};
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::link::protocol::{Place, StackUse};
+use core_algos::link::protocol::{Placement, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
-use host_sim::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
+use host_sim::targets::{
+    Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport, Traffic,
+};
 
 /// A recorded board.
 pub struct Tap {
@@ -41,7 +43,7 @@ impl Tap {
         }
     }
 
-    fn off(&mut self, tick: u32, reason: String) {
+    fn record_off(&mut self, tick: u32, reason: String) {
         self.begun = None;
         self.received.clear();
         self.sent.clear();
@@ -50,17 +52,17 @@ impl Tap {
     }
 
     /// Records that the board did not reply to the latest tick.
-    fn failed(&mut self, fault: &Fault) {
+    fn record_failure(&mut self, fault: &Fault) {
         let reason = match fault {
             Fault::Restarted => "restarted without a command".to_owned(),
             Fault::Silent(why) => why.clone(),
             Fault::Fatal(error) => error.to_string(),
         };
-        self.off(self.next.saturating_sub(1), reason);
+        self.record_off(self.next.saturating_sub(1), reason);
     }
 
     /// Records the reply to a tick.
-    fn answered(&mut self, output: &Output) {
+    fn record_reply(&mut self, output: &Output) {
         let Some((tick, samples)) = self.begun.take() else {
             return;
         };
@@ -90,7 +92,7 @@ impl Target for Tap {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.target.start(config, tick, place)?;
         self.received.clear();
@@ -121,31 +123,31 @@ impl Target for Tap {
         self.next = tick + 1;
         self.begun = Some((tick, *samples));
         let begun = self.target.begin(tick, samples);
-        begun.inspect_err(|fault| self.failed(fault))
+        begun.inspect_err(|fault| self.record_failure(fault))
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let Self {
             target,
             sent,
             encoded,
             ..
         } = self;
-        let finished = target.finish(&mut |posted| {
-            let frame = match posted {
-                Posted::Message(message) => bus::encode(message).ok(),
-                Posted::Frame(frame) => Some(*frame),
+        let finished = target.finish(&mut |outgoing| {
+            let frame = match outgoing {
+                Outgoing::Message(message) => bus::encode(message).ok(),
+                Outgoing::Frame(frame) => Some(*frame),
             };
             sent.extend(frame);
-            match (&frame, posted) {
+            match (&frame, outgoing) {
                 // The bus need not encode the message again.
-                (Some(frame), Posted::Message(_)) if *encoded => post(Posted::Frame(frame)),
-                _ => post(posted),
+                (Some(frame), Outgoing::Message(_)) if *encoded => send(Outgoing::Frame(frame)),
+                _ => send(outgoing),
             }
         });
         match &finished {
-            Ok(output) => self.answered(output),
-            Err(fault) => self.failed(fault),
+            Ok(output) => self.record_reply(output),
+            Err(fault) => self.record_failure(fault),
         }
         finished
     }
@@ -166,20 +168,20 @@ impl Target for Tap {
         self.target.stack()
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.off(self.next, "switched off".to_owned());
-        self.target.kill()
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.record_off(self.next, "switched off".to_owned());
+        self.target.switch_off()
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
-        self.target.revive()
+    fn switch_on(&mut self) -> Result<(), Error> {
+        self.target.switch_on()
     }
 
     fn traffic(&self) -> Option<Traffic> {
         self.target.traffic()
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         self.target.report()
     }
 }

@@ -36,7 +36,7 @@ impl Files {
         if let Some(mcap) = &mut self.mcap {
             match note {
                 Note::Line(line) => mcap.note(line),
-                Note::Epoch(record) => mcap.see(record),
+                Note::Epoch(record) => mcap.write_epoch(record),
                 Note::Plan(goal, path) => mcap.plan(*goal, path),
             }
         }
@@ -92,16 +92,16 @@ impl Thread {
 }
 
 /// State of the writer.
-enum Place {
+enum WriterState {
     /// No note was taken yet, or no thread could be started and notes are written by the caller.
-    Here(Box<Files>),
-    There(Thread),
+    Inline(Box<Files>),
+    Threaded(Thread),
     Closed,
 }
 
 /// Writes notes in order. If dropped before it is closed, it completes the files as they are.
 pub(super) struct Writer {
-    place: Place,
+    state: WriterState,
     /// True once the start of a thread was tried.
     tried: bool,
     batch: Vec<Note>,
@@ -113,7 +113,7 @@ impl Writer {
     /// A writer to these files; `prompt` passes every epoch on at once.
     pub fn new(files: Files, prompt: bool) -> Self {
         Self {
-            place: Place::Here(Box::new(files)),
+            state: WriterState::Inline(Box::new(files)),
             tried: false,
             batch: Vec::new(),
             prompt,
@@ -122,9 +122,9 @@ impl Writer {
 
     /// The files, before the first note.
     pub fn files(&mut self) -> Option<&mut Files> {
-        match &mut self.place {
-            Place::Here(files) => Some(files),
-            Place::There(_) | Place::Closed => None,
+        match &mut self.state {
+            WriterState::Inline(files) => Some(files),
+            WriterState::Threaded(_) | WriterState::Closed => None,
         }
     }
 
@@ -132,11 +132,14 @@ impl Writer {
     pub fn take(&mut self, note: Note) {
         if !self.tried {
             self.tried = true;
-            if let Place::Here(files) = std::mem::replace(&mut self.place, Place::Closed) {
-                self.place = Thread::start(files).map_or_else(Place::Here, Place::There);
+            if let WriterState::Inline(files) =
+                std::mem::replace(&mut self.state, WriterState::Closed)
+            {
+                self.state =
+                    Thread::start(files).map_or_else(WriterState::Inline, WriterState::Threaded);
             }
         }
-        if let Place::Here(files) = &mut self.place {
+        if let WriterState::Inline(files) = &mut self.state {
             files.take(&note);
             return;
         }
@@ -149,7 +152,7 @@ impl Writer {
 
     fn hand_over(&mut self) {
         let batch = std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH));
-        if let Place::There(thread) = &self.place {
+        if let WriterState::Threaded(thread) = &self.state {
             // A failed thread is reported by `finish`.
             let _ = thread.to.send(batch);
         }
@@ -158,16 +161,16 @@ impl Writer {
     /// Waits for the writer thread and returns the complete files; `None` if they were already returned.
     pub fn finish(&mut self) -> Result<Option<Box<Files>>, Error> {
         self.hand_over();
-        match std::mem::replace(&mut self.place, Place::Closed) {
-            Place::Here(files) => Ok(Some(files)),
-            Place::There(Thread { to, handle }) => {
+        match std::mem::replace(&mut self.state, WriterState::Closed) {
+            WriterState::Inline(files) => Ok(Some(files)),
+            WriterState::Threaded(Thread { to, handle }) => {
                 drop(to);
                 let files = handle.join().ok().flatten();
                 files
                     .map(Some)
                     .ok_or_else(|| failed("the thread that writes it has failed"))
             }
-            Place::Closed => Ok(None),
+            WriterState::Closed => Ok(None),
         }
     }
 }

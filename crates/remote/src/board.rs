@@ -8,8 +8,8 @@ use core_algos::bus::{CanFrame, Message};
 use core_algos::link::Stamp;
 use core_algos::link::framing::{self, Decoder, MAX_FRAME};
 use core_algos::link::protocol::{
-    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request,
-    StackUse, Telemetry,
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply,
+    Request, StackUse, Telemetry,
 };
 use core_algos::node::board::Samples;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
@@ -19,7 +19,7 @@ use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
 use host_sim::targets::{
-    Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic,
+    Fault, HostCommand, Latency, Outgoing, Output, Room, Target, TargetReport, Traffic,
 };
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -29,9 +29,9 @@ const REPEAT_AFTER: Duration = Duration::from_millis(250);
 /// Times a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
 /// Attempts where a user waits: 1.5 s in total.
-const HASTY_ATTEMPTS: u32 = 6;
+const INTERACTIVE_ATTEMPTS: u32 = 6;
 /// Number of late replies to earlier requests that are skipped.
-const STALE: u32 = 4;
+const MAX_STALE_REPLIES: u32 = 4;
 /// Ticks per epoch, and the tick of an epoch in which the lead node runs.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
 const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
@@ -41,7 +41,7 @@ pub struct Remote {
     robot: Topology,
     role: Role,
     pub(super) name: &'static str,
-    pub(super) conversation: Conversation,
+    pub(super) channel: RequestChannel,
     bus: Packed,
     build: String,
     room: Room,
@@ -61,7 +61,7 @@ impl Remote {
             robot,
             role,
             name: robot.name(role),
-            conversation: Conversation::new(link),
+            channel: RequestChannel::new(link),
             bus: Packed::new(),
             build: String::new(),
             room: EMPTY,
@@ -74,28 +74,28 @@ impl Remote {
     }
 
     /// Shortens the wait for replies where a user waits; a running board replies within milliseconds.
-    pub fn hasten(&mut self) {
-        self.conversation.attempts = HASTY_ATTEMPTS;
+    pub fn shorten_wait(&mut self) {
+        self.channel.attempts = INTERACTIVE_ATTEMPTS;
     }
 
     /// Starts a session: a board that drives resets into one. Checks role and protocol of the board.
-    pub(super) fn hello(&mut self) -> Result<(), Fault> {
+    pub(super) fn open_session(&mut self) -> Result<(), Fault> {
         self.change_session("a session", true, &Request::Rig)
     }
 
     /// Ends a session that an earlier host has left open, because a board in a session does not relay.
-    pub(super) fn attend(&mut self) -> Result<(), Fault> {
-        self.change_session("the end of its session", false, &Request::Leave)
+    pub(super) fn close_earlier_session(&mut self) -> Result<(), Fault> {
+        self.change_session("the end of its session", false, &Request::EndSession)
     }
 
     /// Repeats the request until the board is in a session (`open`) or in none.
-    fn change_session(&mut self, what: &str, open: bool, ask: &Request) -> Result<(), Fault> {
-        for _ in 0..STALE {
-            if self.greet_once()? == open {
+    fn change_session(&mut self, what: &str, open: bool, request: &Request) -> Result<(), Fault> {
+        for _ in 0..MAX_STALE_REPLIES {
+            if self.exchange_hello()? == open {
                 return Ok(());
             }
-            self.conversation.ask(ask)?;
-            match self.conversation.answer()? {
+            self.channel.send_request(request)?;
+            match self.channel.receive_reply()? {
                 // If the reply was lost, the board has already reset.
                 Reply::Done | Reply::Refused(Refusal::NoSession) => {}
                 other => return Err(refused(self.name, what, other)),
@@ -107,13 +107,14 @@ impl Remote {
     /// Ends a session that an earlier host has left open; parameters changed but not saved in it are lost.
     pub fn end_earlier_session(&mut self) -> Result<(), Error> {
         let name = self.name;
-        self.attend().map_err(|fault| fatal(name, fault))
+        self.close_earlier_session()
+            .map_err(|fault| fatal(name, fault))
     }
 
     /// Ends the session and waits for the reply.
-    pub fn leave(mut self) -> Result<(), Error> {
+    pub fn end_session(mut self) -> Result<(), Error> {
         let name = self.name;
-        let left = self.carry_out("the end of the session", &Request::Leave);
+        let left = self.execute("the end of the session", &Request::EndSession);
         self.build.clear();
         match left {
             // If the reply was lost, the board has already reset.
@@ -125,14 +126,14 @@ impl Remote {
     /// Crash record of a board that drives.
     pub fn crash_record(&mut self) -> Result<CrashRecord, Error> {
         let name = self.name;
-        self.ask_for_crash_record()
+        self.request_crash_record()
             .map_err(|fault| fatal(name, fault))
     }
 
-    fn ask_for_crash_record(&mut self) -> Result<CrashRecord, Fault> {
-        self.attend()?;
-        self.conversation.ask(&Request::Crash)?;
-        match self.conversation.answer()? {
+    fn request_crash_record(&mut self) -> Result<CrashRecord, Fault> {
+        self.close_earlier_session()?;
+        self.channel.send_request(&Request::Crash)?;
+        match self.channel.receive_reply()? {
             Reply::Crash { counts, message } => Ok(CrashRecord {
                 counts,
                 message: message.try_into().unwrap_or_default(),
@@ -143,11 +144,11 @@ impl Remote {
 
     /// The link.
     pub(super) fn link(&mut self) -> &mut dyn Link {
-        self.conversation.link.as_mut()
+        self.channel.link.as_mut()
     }
 
     /// Sends a hello; true if the board is in a session.
-    fn greet_once(&mut self) -> Result<bool, Fault> {
+    fn exchange_hello(&mut self) -> Result<bool, Fault> {
         static NONCE: AtomicU32 = AtomicU32::new(1);
         let sent = NONCE.fetch_add(1, Relaxed);
         let request = Request::Hello {
@@ -155,8 +156,8 @@ impl Remote {
             nonce: sent,
         };
         // A reply to an earlier request may still arrive.
-        for _ in 0..STALE {
-            self.conversation.ask(&request)?;
+        for _ in 0..MAX_STALE_REPLIES {
+            self.channel.send_request(&request)?;
             let Reply::Hello {
                 protocol,
                 nonce,
@@ -164,14 +165,14 @@ impl Remote {
                 build,
                 session,
                 ..
-            } = self.conversation.answer()?
+            } = self.channel.receive_reply()?
             else {
                 continue;
             };
             if nonce != sent {
                 continue;
             }
-            greeted(self.robot, protocol, (self.role, role), build).map_err(Fault::Fatal)?;
+            check_hello(self.robot, protocol, (self.role, role), build).map_err(Fault::Fatal)?;
             self.build = build.to_owned();
             return Ok(session);
         }
@@ -180,17 +181,17 @@ impl Remote {
 
     /// Sends the parameters; returns their checksum as the board computed it.
     fn configure(&mut self, config: &RobotConfig) -> Result<u32, Fault> {
-        let mut room = [0; MAX_CONFIG];
-        let bytes = postcard::to_slice(config, &mut room)
+        let mut buffer = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(config, &mut buffer)
             .map_err(|error| Error::Failure(format!("parameters: {error}")))?;
         let mut found = 0;
         for (k, part) in bytes.chunks(CONFIG_CHUNK).enumerate() {
-            self.conversation.ask(&Request::Configure {
+            self.channel.send_request(&Request::Configure {
                 total: bytes.len() as u16,
                 offset: (k * CONFIG_CHUNK) as u16,
                 bytes: part,
             })?;
-            match self.conversation.answer()? {
+            match self.channel.receive_reply()? {
                 Reply::Configured { hash } => found = hash,
                 other => return Err(refused(self.name, "parameters", other)),
             }
@@ -205,9 +206,9 @@ impl Remote {
         Ok(hash)
     }
 
-    pub(super) fn carry_out(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
-        self.conversation.ask(request)?;
-        match self.conversation.answer()? {
+    pub(super) fn execute(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
+        self.channel.send_request(request)?;
+        match self.channel.receive_reply()? {
             Reply::Done => Ok(()),
             other => Err(refused(self.name, what, other)),
         }
@@ -220,7 +221,7 @@ const EMPTY: Room = Room {
 };
 
 /// Rejects a board with another protocol or another role.
-pub(super) fn greeted(
+pub(super) fn check_hello(
     robot: Topology,
     protocol: u16,
     (wanted, role): (Role, Role),
@@ -279,7 +280,7 @@ impl Drop for Remote {
     /// The board returns to driving; without a reply it does so after a timeout.
     fn drop(&mut self) {
         if !self.build.is_empty() {
-            let _ = self.conversation.ask(&Request::Leave);
+            let _ = self.channel.send_request(&Request::EndSession);
         }
     }
 }
@@ -289,16 +290,16 @@ impl Target for Remote {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
-        self.hello()?;
+        self.open_session()?;
         let hash = self.configure(config)?;
         let start = Request::Start {
             hash,
             tick,
             place: place.copied(),
         };
-        self.carry_out("start", &start)?;
+        self.execute("start", &start)?;
         self.room = EMPTY;
         self.telemetry.clear();
         self.bus = Packed::new();
@@ -309,7 +310,7 @@ impl Target for Remote {
         for order in command.orders() {
             // A session has one host, so orders need no stamp.
             let stamp = Stamp::default();
-            self.carry_out(command.subject(), &Request::Order { stamp, order })?;
+            self.execute(command.subject(), &Request::Order { stamp, order })?;
         }
         match command {
             HostCommand::Path { points, .. } => {
@@ -318,7 +319,7 @@ impl Target for Remote {
             HostCommand::Trajectory { points, .. } => {
                 self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
             }
-            HostCommand::Task(_) | HostCommand::Place(_) | HostCommand::Lost => {}
+            HostCommand::Task(_) | HostCommand::SetPose(_) | HostCommand::Lost => {}
         }
         Ok(())
     }
@@ -351,12 +352,12 @@ impl Target for Remote {
             },
             Samples::Beam(samples) => Request::Beam { tick, samples },
         };
-        self.tick_bytes[0] += self.conversation.ask(&request)? as u64;
+        self.tick_bytes[0] += self.channel.send_request(&request)? as u64;
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
-        let reply = self.conversation.answer()?;
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
+        let reply = self.channel.receive_reply()?;
         let (torque_nm, bus, telemetry) = match reply {
             Reply::Axle {
                 torque_nm,
@@ -368,7 +369,7 @@ impl Target for Remote {
             other => return Err(refused(self.name, "tick", other)),
         };
         for frame in protocol::unpack(bus) {
-            post(Posted::Frame(&frame));
+            send(Outgoing::Frame(&frame));
         }
         if self.tick % EPOCH_TICKS == LEAD_TICK {
             self.telemetry.clear();
@@ -384,54 +385,54 @@ impl Target for Remote {
             }
             _ => None,
         };
-        self.latencies.push(self.conversation.latency_us);
-        self.tick_bytes[1] += self.conversation.answered_bytes;
+        self.latencies.push(self.channel.latency_us);
+        self.tick_bytes[1] += self.channel.reply_bytes;
         Ok(Output { torque_nm, lead })
     }
 
     fn resume(&mut self, tick: u32) -> Result<(), Fault> {
-        self.carry_out("its next tick", &Request::Resume { tick })
+        self.execute("its next tick", &Request::Resume { tick })
     }
 
     fn halt(&mut self, halted: bool) -> Result<(), Error> {
-        self.conversation.link.halt(halted)
+        self.channel.link.halt(halted)
     }
 
     fn crash(&mut self) -> Result<(), Error> {
-        self.conversation.link.crash()
+        self.channel.link.crash()
     }
 
     fn stack(&mut self) -> Option<StackUse> {
-        self.conversation.ask(&Request::Stack).ok()?;
-        match self.conversation.answer().ok()? {
+        self.channel.send_request(&Request::Stack).ok()?;
+        match self.channel.receive_reply().ok()? {
             Reply::Stack(stack) if stack.size_bytes > 0 => Some(stack),
             _ => None,
         }
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.conversation.link.kill()
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.channel.link.switch_off()
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
-        self.conversation.link.revive()
+    fn switch_on(&mut self) -> Result<(), Error> {
+        self.channel.link.switch_on()
     }
 
     fn traffic(&self) -> Option<Traffic> {
-        let counters = self.conversation.decoder.counters();
+        let counters = self.channel.decoder.counters();
         Some(Traffic {
             frames: counters.received.into(),
-            lost: self.conversation.repeated,
+            lost: self.channel.repeated,
             damaged: counters.damaged.into(),
         })
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         let traffic = self.traffic().unwrap_or_default();
         let ticks = self.latencies.len().max(1) as f64;
-        Report {
+        TargetReport {
             role: self.name,
-            target: self.conversation.link.name(),
+            target: self.channel.link.name(),
             build: self.build.clone(),
             frames: traffic.frames,
             lost: traffic.lost,
@@ -452,74 +453,76 @@ pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
 }
 
 /// Requests and replies over a link.
-pub(super) struct Conversation {
+pub(super) struct RequestChannel {
     link: Box<dyn Link>,
     decoder: Decoder,
     number: u8,
-    asked: framing::SerialFrame,
-    asked_at: Instant,
+    sent_frame: framing::SerialFrame,
+    sent_at: Instant,
     payload: Vec<u8>,
     repeated: u64,
     latency_us: u32,
-    answered_bytes: u64,
+    reply_bytes: u64,
     /// Bytes received since the request.
-    strange: Unanswered,
+    unmatched: Unanswered,
     /// Times a request is sent before the board counts as lost.
     attempts: u32,
     /// True if the latest request is a hello.
-    greets: bool,
+    is_hello: bool,
 }
 
-impl Conversation {
+impl RequestChannel {
     fn new(link: Box<dyn Link>) -> Self {
         Self {
             link,
             decoder: Decoder::new(),
             number: 0,
-            asked: framing::SerialFrame::default(),
-            asked_at: Instant::now(),
+            sent_frame: framing::SerialFrame::default(),
+            sent_at: Instant::now(),
             payload: Vec::new(),
             repeated: 0,
             latency_us: 0,
-            answered_bytes: 0,
-            strange: Unanswered::default(),
+            reply_bytes: 0,
+            unmatched: Unanswered::default(),
             attempts: ATTEMPTS,
-            greets: false,
+            is_hello: false,
         }
     }
 
     /// Sends a request with the next number; returns the number of bytes.
-    pub(super) fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
+    pub(super) fn send_request(&mut self, request: &Request) -> Result<usize, Fault> {
         self.number = self.number.wrapping_add(1);
-        self.asked = protocol::encode(self.number, request)
+        self.sent_frame = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
         // Frame delimiters first, so that an unfinished earlier frame does not spoil the hello.
-        self.greets = matches!(request, Request::Hello { .. });
-        let bytes = match self.greets {
-            true => self.asked.repeated(),
-            false => self.asked.bytes(),
+        self.is_hello = matches!(request, Request::Hello { .. });
+        let bytes = match self.is_hello {
+            true => self.sent_frame.repeated(),
+            false => self.sent_frame.bytes(),
         };
-        self.asked_at = Instant::now();
-        self.link.send(bytes).map_err(gone)?;
+        self.sent_at = Instant::now();
+        self.link.send(bytes).map_err(link_fault)?;
         Ok(bytes.len())
     }
 
     /// Waits for the reply to the latest request, which is repeated up to `attempts` times.
-    pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
-        self.answered_bytes = 0;
-        self.strange = Unanswered::to(self.asked.bytes());
+    pub(super) fn receive_reply(&mut self) -> Result<Reply<'_>, Fault> {
+        self.reply_bytes = 0;
+        self.unmatched = Unanswered::to(self.sent_frame.bytes());
         for attempt in 0..self.attempts {
             if attempt > 0 {
                 self.repeated += 1;
-                self.link.send(self.asked.repeated()).map_err(gone)?;
+                self.link
+                    .send(self.sent_frame.repeated())
+                    .map_err(link_fault)?;
             }
             let deadline = Instant::now() + REPEAT_AFTER;
-            if self.listen(deadline)? {
+            if self.await_reply(deadline)? {
                 // Replies to other requests may equal the request.
-                if self.greets && self.strange.is_echo() {
-                    return Err(Fault::Silent(self.strange.to_string()));
+                if self.is_hello && self.unmatched.is_echo() {
+                    return Err(Fault::Silent(self.unmatched.to_string()));
                 }
-                self.latency_us = self.asked_at.elapsed().as_micros() as u32;
+                self.latency_us = self.sent_at.elapsed().as_micros() as u32;
                 let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
                     Error::Failure(
                         "a board sent an answer that does not decode in this version".to_owned(),
@@ -528,22 +531,22 @@ impl Conversation {
                 return Ok(reply);
             }
         }
-        let patience = REPEAT_AFTER * self.attempts;
-        let arrived = &self.strange;
+        let timeout = REPEAT_AFTER * self.attempts;
+        let arrived = &self.unmatched;
         Err(Fault::Silent(format!(
-            "no answer in {patience:?}: {arrived}"
+            "no answer in {timeout:?}: {arrived}"
         )))
     }
 
     /// Waits for the reply; false if the deadline passed.
-    fn listen(&mut self, deadline: Instant) -> Result<bool, Fault> {
-        let mut room = [0; 2 * MAX_FRAME];
+    fn await_reply(&mut self, deadline: Instant) -> Result<bool, Fault> {
+        let mut buffer = [0; 2 * MAX_FRAME];
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            let count = self.link.receive(&mut room, left).map_err(gone)?;
-            self.strange.hear(room.get(..count).unwrap_or_default());
+            let count = self.link.receive(&mut buffer, left).map_err(link_fault)?;
+            self.unmatched.add(buffer.get(..count).unwrap_or_default());
             let mut found = false;
-            for &byte in room.get(..count).unwrap_or_default() {
+            for &byte in buffer.get(..count).unwrap_or_default() {
                 if let Some(payload) = self.decoder.take_byte(byte)
                     && payload.first() == Some(&self.number)
                 {
@@ -552,7 +555,7 @@ impl Conversation {
                     found = true;
                 }
             }
-            self.answered_bytes += count as u64;
+            self.reply_bytes += count as u64;
             if found || count == 0 {
                 return Ok(found);
             }
@@ -560,7 +563,7 @@ impl Conversation {
     }
 }
 
-fn gone(error: std::io::Error) -> Fault {
+fn link_fault(error: std::io::Error) -> Fault {
     use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
     match error.kind() {
         UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
@@ -588,9 +591,9 @@ mod tests {
             Ok(())
         }
 
-        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
             let bytes = self.0.pop_front().into_iter();
-            Ok(room
+            Ok(buffer
                 .iter_mut()
                 .zip(bytes)
                 .map(|(to, from)| *to = from)
@@ -611,8 +614,8 @@ mod tests {
             Ok(())
         }
 
-        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
-            io::Read::read(&mut self.0, room)
+        fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            io::Read::read(&mut self.0, buffer)
         }
     }
 
@@ -630,19 +633,19 @@ mod tests {
 
     #[test]
     fn silence_and_foreign_bytes_are_reported_differently() {
-        for (said, expected) in [
+        for (received, expected) in [
             (&b""[..], "nothing arrived"),
             (
                 &b"AT OK"[..],
                 "5 bytes arrived that are no answer, the first is 0x41",
             ),
         ] {
-            let device = Device(said.iter().copied().collect());
-            let mut conversation = Conversation::new(Box::new(device));
-            for _ in 0..=said.len() {
-                assert!(!conversation.listen(Instant::now()).unwrap());
+            let device = Device(received.iter().copied().collect());
+            let mut channel = RequestChannel::new(Box::new(device));
+            for _ in 0..=received.len() {
+                assert!(!channel.await_reply(Instant::now()).unwrap());
             }
-            assert!(conversation.strange.to_string().starts_with(expected));
+            assert!(channel.unmatched.to_string().starts_with(expected));
         }
     }
 }

@@ -5,7 +5,7 @@
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
 //! [`BoardLink::to_send`].
 
-use crate::board::{complete, greeted, refused};
+use crate::board::{check_hello, complete, refused};
 use core_algos::bus::CanFrame;
 use core_algos::link::framing::{Decoder, SerialFrame};
 use core_algos::link::lease::TERM;
@@ -25,14 +25,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Time after which a request is repeated, µs.
-const REPEAT: Micros = 250_000;
+const REPEAT_AFTER_US: Micros = 250_000;
 /// Time without a reply to a request after which the board counts as silent, µs.
-const SILENCE: Micros = 5_000_000;
+const REPLY_TIMEOUT_US: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
-const RENEW: Micros = TERM / 8;
+const RENEW_INTERVAL_US: Micros = TERM / 8;
 /// Outputs of the lead node after which their free room is current: two older outputs may arrive after an order is
 /// executed.
-const FRESH: u32 = 3;
+const FRESH_OUTPUTS: u32 = 3;
 
 /// Subject of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +123,7 @@ pub struct BoardLink {
     owner: u16,
     sequence: Sequence,
     /// `Some` while this host has the lease: time of the latest order or renewal sent, µs.
-    kept: Option<Option<Micros>>,
+    lease_renewed: Option<Option<Micros>>,
     leased: bool,
 }
 
@@ -151,7 +151,7 @@ impl BoardLink {
             lost: 0,
             build: String::new(),
             sequence: Sequence::default(),
-            kept: None,
+            lease_renewed: None,
             leased: false,
         }
     }
@@ -171,13 +171,13 @@ impl BoardLink {
     pub fn record(&mut self) {
         (self.config, self.record, self.denied) = (Vec::new(), None, false);
         for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
-            self.ask(
+            self.queue_request(
                 Subject::Other("configuration"),
                 &Request::Configuration { offset },
             );
         }
         let stamp = self.sequence.next(self.owner);
-        self.ask(Subject::Record, &Request::Record(stamp));
+        self.queue_request(Subject::Record, &Request::Record(stamp));
     }
 
     /// Name of the board's role.
@@ -265,7 +265,7 @@ impl BoardLink {
     pub fn send(&mut self, frame: &CanFrame) {
         let mut bus = Packed::new();
         bus.push(frame);
-        self.ask(
+        self.queue_request(
             Subject::Other("bus frame"),
             &Request::Send { bus: bus.bytes() },
         );
@@ -277,8 +277,8 @@ impl BoardLink {
             protocol: PROTOCOL,
             nonce: self.number.into(),
         };
-        self.ask(Subject::Other("hello"), &hello);
-        self.ask(Subject::Other("watch"), &Request::Watch);
+        self.queue_request(Subject::Other("hello"), &hello);
+        self.queue_request(Subject::Other("watch"), &Request::Watch);
     }
 
     /// Continues after the port was reopened. A waiting order is sent first: the board recognises its number and
@@ -288,10 +288,10 @@ impl BoardLink {
         for pending in &mut self.waiting {
             (pending.sent, pending.since) = (None, None);
         }
-        if self.kept.is_some() && self.waiting.is_empty() {
+        if self.lease_renewed.is_some() && self.waiting.is_empty() {
             // Renews the lease before it lapses.
             let stamp = self.stamp();
-            self.ask(Subject::Lease, &Request::Keep(stamp));
+            self.queue_request(Subject::Lease, &Request::Keep(stamp));
         }
         self.watch();
     }
@@ -307,7 +307,7 @@ impl BoardLink {
             .pop_back_if(|late| (late.what, what) == (Subject::Speed, Subject::Speed));
         for order in command.orders() {
             let stamp = self.stamp();
-            self.ask(what, &Request::Order { stamp, order });
+            self.queue_request(what, &Request::Order { stamp, order });
             self.orders.push_back((stamp.sequence, order));
         }
         if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
@@ -327,19 +327,19 @@ impl BoardLink {
     /// Takes the lease before the first order.
     pub fn take_lease(&mut self) {
         let stamp = self.stamp();
-        self.ask(Subject::Other("command"), &Request::Keep(stamp));
+        self.queue_request(Subject::Other("command"), &Request::Keep(stamp));
     }
 
     /// Ends the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
-        self.ask(Subject::Other("release"), &Request::Release(stamp));
-        self.kept = None;
+        self.queue_request(Subject::Other("release"), &Request::Release(stamp));
+        self.lease_renewed = None;
     }
 
     /// Stamp of the next order; the host holds the lease from then on.
     fn stamp(&mut self) -> Stamp {
-        self.kept.get_or_insert(None);
+        self.lease_renewed.get_or_insert(None);
         self.sequence.next(self.owner)
     }
 
@@ -354,7 +354,7 @@ impl BoardLink {
         }
     }
 
-    fn ask(&mut self, what: Subject, request: &Request) {
+    fn queue_request(&mut self, what: Subject, request: &Request) {
         // Number 0 is reserved for reports.
         self.number = self.number % u8::MAX + 1;
         self.waiting.push_back(Pending {
@@ -376,13 +376,13 @@ impl BoardLink {
 
     /// True if the latest output of the lead node is newer than all orders.
     pub fn is_fresh(&self) -> bool {
-        self.latest.is_some() && self.outputs >= FRESH
+        self.latest.is_some() && self.outputs >= FRESH_OUTPUTS
     }
 
     /// Free room of the lead node, points; zero until a current output has arrived.
     pub fn room(&self) -> Room {
         match &self.latest {
-            Some(latest) if self.is_settled() && self.outputs >= FRESH => Room {
+            Some(latest) if self.is_settled() && self.outputs >= FRESH_OUTPUTS => Room {
                 path: latest.path_room.into(),
                 trajectory: latest.trajectory_room.into(),
             },
@@ -425,14 +425,14 @@ impl BoardLink {
 
     /// Bytes to send at `now`; an error if the board is silent.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
-        if let Some(kept) = &mut self.kept {
-            let due = now.saturating_sub(*kept.get_or_insert(now)) >= RENEW;
+        if let Some(lease_renewed) = &mut self.lease_renewed {
+            let due = now.saturating_sub(*lease_renewed.get_or_insert(now)) >= RENEW_INTERVAL_US;
             if !self.waiting.is_empty() {
-                *kept = Some(now);
+                *lease_renewed = Some(now);
             } else if due {
-                *kept = Some(now);
+                *lease_renewed = Some(now);
                 let stamp = self.stamp();
-                self.ask(Subject::Lease, &Request::Keep(stamp));
+                self.queue_request(Subject::Lease, &Request::Keep(stamp));
             }
         }
         let name = self.name();
@@ -440,15 +440,15 @@ impl BoardLink {
             return Ok(None);
         };
         if let Some(sent) = pending.sent
-            && now.saturating_sub(sent) < REPEAT
+            && now.saturating_sub(sent) < REPEAT_AFTER_US
         {
             return Ok(None);
         }
-        if now - *pending.since.get_or_insert(now) >= SILENCE {
+        if now - *pending.since.get_or_insert(now) >= REPLY_TIMEOUT_US {
             return Err(Error::Failure(format!(
                 "{name} board: {}: no answer at its serial port in {} s",
                 pending.what.name(),
-                SILENCE / 1_000_000
+                REPLY_TIMEOUT_US / 1_000_000
             )));
         }
         pending.sent = Some(now);
@@ -474,7 +474,7 @@ impl BoardLink {
                     },
                 )) => {
                     self.reported((sequence, lost), entries);
-                    complete |= self.told((usize::from(offset), telemetry));
+                    complete |= self.take_output_part((usize::from(offset), telemetry));
                 }
                 Some((number, reply)) => self.replied(number, reply)?,
                 None => {}
@@ -484,7 +484,7 @@ impl BoardLink {
     }
 
     /// Takes a part of the lead node's output; true if the output is complete.
-    fn told(&mut self, part: (usize, &[u8])) -> bool {
+    fn take_output_part(&mut self, part: (usize, &[u8])) -> bool {
         let complete = Self::join(&mut self.parts, part, &mut self.latest);
         self.outputs += u32::from(complete);
         if let (true, Some(record), Some(latest)) = (complete, &mut self.record, &self.latest) {
@@ -513,7 +513,7 @@ impl BoardLink {
                 ..
             } => {
                 self.build = build.to_owned();
-                greeted(self.robot, protocol, (self.role, role), build)?;
+                check_hello(self.robot, protocol, (self.role, role), build)?;
                 let name = self.name();
                 if session {
                     return Err(Error::Failure(format!(
@@ -571,9 +571,9 @@ fn restarted(board: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::link::attendant::Station;
     use core_algos::link::protocol::{CrashRecord, StackUse};
-    use core_algos::link::{Attendant, Demand, Identity};
+    use core_algos::link::run_link::Station;
+    use core_algos::link::{Demand, Identity, RunLink};
     use core_algos::math::Posture;
     use core_algos::node::robot::RobotConfig;
     use host_sim::world::random::{Stream, generator};
@@ -588,13 +588,13 @@ mod tests {
         let mut random = generator(5, 0, Stream::Other(0));
         let (role, build) = (Role::LEAD, "test");
         let identity = Identity { build, role };
-        let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let mut board = RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let mut station = Station::default();
         let mut link = BoardLink::new(Topology::PAIR, role, 7);
         link.open();
         let goal = |k: u16| Task::regulate(Posture::new(k.into(), 0.0, 0.0));
         (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
-        let mut carried = Vec::new();
+        let mut executed = Vec::new();
         while !link.is_settled() {
             station.now += 1000;
             let sent = link.to_send(station.now).unwrap().map(<[u8]>::to_vec);
@@ -604,7 +604,7 @@ mod tests {
             let mut answers = Vec::new();
             let mut answer = |bytes: &[u8]| answers.push(bytes.to_vec());
             if let Some(Demand::Order(_, order)) = board.receive(&sent, &mut station, &mut answer) {
-                carried.push(order);
+                executed.push(order);
                 board.done(Ok(()), &mut answer);
             }
             for answer in answers {
@@ -614,8 +614,8 @@ mod tests {
             }
         }
         let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
-        assert_eq!(carried, expected);
-        assert!(station.now > 20 * REPEAT, "some were lost");
+        assert_eq!(executed, expected);
+        assert!(station.now > 20 * REPEAT_AFTER_US, "some were lost");
     }
     /// The board's reports arrive, but no request reaches the board, and speed commands are repeated.
     #[test]

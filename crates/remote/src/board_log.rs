@@ -74,9 +74,9 @@ impl BoardLog {
                 return log.append("the image contains no table of log messages");
             };
             let mut decoder = table.new_stream_decoder();
-            let mut room = [0; 1024];
-            while let Ok(count @ 1..) = from.read(&mut room) {
-                decoder.received(room.get(..count).unwrap_or_default());
+            let mut buffer = [0; 1024];
+            while let Ok(count @ 1..) = from.read(&mut buffer) {
+                decoder.received(buffer.get(..count).unwrap_or_default());
                 loop {
                     match decoder.decode() {
                         Ok(frame) => {
@@ -104,9 +104,9 @@ impl BoardLog {
     ) -> JoinHandle<()> {
         let log = self.clone();
         thread::spawn(move || {
-            let mut room = [0; 1024];
+            let mut buffer = [0; 1024];
             let mut written = false;
-            while let Ok(1..) = from.read(&mut room) {
+            while let Ok(1..) = from.read(&mut buffer) {
                 if !std::mem::replace(&mut written, true) {
                     let error = left_out(&format!("text of the {} board's log", log.board));
                     log.append(&error.to_string());
@@ -121,7 +121,7 @@ impl BoardLog {
 
 /// Returns the result of a run. On an error, writes the logs to the output folder first, where they may show the
 /// reason.
-pub fn kept<T>(
+pub fn keep_logs_on_error<T>(
     result: Result<T, Error>,
     logs: &[BoardLog],
     output: impl FnOnce() -> Result<OutputDir, Error>,

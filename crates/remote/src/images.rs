@@ -25,7 +25,7 @@ const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
 
 /// Duration of a build after which it is reported, and polling interval.
 const LONG_BUILD: Duration = Duration::from_secs(3);
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Cargo profile of the images.
 const PROFILE: &str = "image";
@@ -65,7 +65,7 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     }
     let status = command
         .spawn()
-        .and_then(|child| watched(child, package))
+        .and_then(|child| await_build(child, package))
         .map_err(|error| Error::Failure(format!("cargo: {error}")))?;
     if !status.success() {
         return Err(Error::Failure(format!(
@@ -78,7 +78,7 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
 }
 
 /// Waits for the end of a build, and reports a long one.
-fn watched(mut child: Child, package: &str) -> io::Result<ExitStatus> {
+fn await_build(mut child: Child, package: &str) -> io::Result<ExitStatus> {
     let began = Instant::now();
     let mut reported = io::stderr().is_terminal();
     loop {
@@ -91,7 +91,7 @@ fn watched(mut child: Child, package: &str) -> io::Result<ExitStatus> {
                 "building the image {package}, which takes minutes the first time"
             ));
         }
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
 }
 
@@ -109,7 +109,8 @@ impl Images {
         let given = |(file, package): (&Path, &str)| {
             let name = file.display().to_string();
             let refuse = |what: &dyn Display| Error::input(format!("{name}: {what}"));
-            let bytes = input::bytes(file, input::DATA).map_err(|error| refuse(&error))?;
+            let bytes =
+                input::bytes(file, input::MAX_DATA_BYTES).map_err(|error| refuse(&error))?;
             let intact = is_intact(&bytes);
             let image = Image::parse(&name, bytes);
             let image = image.map_err(|error| Error::input(error.to_string()))?;

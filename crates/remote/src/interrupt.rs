@@ -34,7 +34,7 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     });
     let set = flag.clone();
     thread::spawn(move || {
-        if is_left_alone(&io::stdout()) {
+        if has_lost_readers(&io::stdout()) {
             set.store(true, Relaxed);
         }
     });
@@ -42,14 +42,14 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
 }
 
 /// Waits until the last reader of an output is gone. False if the output is not a pipe, socket or terminal.
-fn is_left_alone(output: &impl AsFd) -> bool {
-    let gone = PollFlags::ERR | PollFlags::HUP;
+fn has_lost_readers(output: &impl AsFd) -> bool {
+    let closed = PollFlags::ERR | PollFlags::HUP;
     loop {
-        let mut watched = [PollFd::new(output, PollFlags::empty())];
-        match poll(&mut watched, None) {
+        let mut polled = [PollFd::new(output, PollFlags::empty())];
+        match poll(&mut polled, None) {
             Err(Errno::INTR) => {}
             Err(_) => return false,
-            Ok(_) => return watched[0].revents().intersects(gone),
+            Ok(_) => return polled[0].revents().intersects(closed),
         }
     }
 }
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn pipe_that_loses_its_reader_is_detected() {
         let (reader, writer) = io::pipe().unwrap();
-        let watch = thread::spawn(move || is_left_alone(&writer));
+        let watch = thread::spawn(move || has_lost_readers(&writer));
         assert!(!watch.is_finished());
         drop(reader);
         assert!(watch.join().unwrap());

@@ -1,7 +1,7 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
 use core_algos::link::protocol::StackUse;
-use core_algos::link::{Endpoint, Identity};
+use core_algos::link::{Identity, SimLink};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
@@ -23,7 +23,7 @@ pub trait Link: Send {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
     /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
-    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize>;
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
     /// A second handle for sending, if the link supports one.
     fn second(&self) -> Option<File> {
@@ -31,7 +31,7 @@ pub trait Link: Send {
     }
 
     /// Switches the board off.
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
             "{name}: this program cannot switch the board off"
@@ -40,7 +40,7 @@ pub trait Link: Send {
 
     /// Ends the board as if it had failed; only the link may report the end.
     fn crash(&mut self) -> Result<(), Error> {
-        self.kill()
+        self.switch_off()
     }
 
     /// Halts the board's processor with its link open, or resumes it.
@@ -52,7 +52,7 @@ pub trait Link: Send {
     }
 
     /// Switches the board on again.
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
             "{name}: this program cannot switch the board on"
@@ -67,7 +67,7 @@ const SECTOR: usize = 16 * 1024;
 /// A board in this process behind encoded frames, with its store in a simulated flash.
 pub struct Loopback {
     identity: Identity,
-    endpoint: Option<Endpoint>,
+    sim_link: Option<SimLink>,
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
@@ -94,7 +94,7 @@ impl Loopback {
         let range = flash.range();
         let mut board = Self {
             identity,
-            endpoint: None,
+            sim_link: None,
             halted: false,
             waiting: VecDeque::new(),
             store: Store::new(flash, range).expect("whole sectors"),
@@ -105,16 +105,16 @@ impl Loopback {
     }
 
     fn start(&mut self) {
-        let mut endpoint = Endpoint::new(self.identity, StackUse::unknown);
-        endpoint.load(run(self.store.load()));
-        self.endpoint = Some(endpoint);
+        let mut sim_link = SimLink::new(self.identity, StackUse::unknown);
+        sim_link.load(run(self.store.load()));
+        self.sim_link = Some(sim_link);
     }
 }
 
 /// Flash of a board from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
-    match input::bytes(path, input::DATA) {
+    match input::bytes(path, input::MAX_DATA_BYTES) {
         Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
         Ok(bytes) => Err(wrong(format!(
             "{} bytes: the flash of a board must have {}",
@@ -140,30 +140,30 @@ impl Link for Loopback {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let endpoint = self.endpoint.as_mut().ok_or(ErrorKind::BrokenPipe)?;
+        let sim_link = self.sim_link.as_mut().ok_or(ErrorKind::BrokenPipe)?;
         if self.halted {
             return Ok(());
         }
         let mut answer = |bytes: &[u8]| self.waiting.extend(bytes);
-        endpoint.receive(bytes, &mut answer);
-        if let Some(save) = endpoint.save() {
+        sim_link.receive(bytes, &mut answer);
+        if let Some(save) = sim_link.save() {
             let saved = run(self.store.save(&save.settings, &save.base, save.off));
             if let Some(file) = &self.file {
                 let written = files::write_file(file, &self.store.flash().bytes);
                 written.map_err(|error| io::Error::other(error.to_string()))?;
             }
             let done = saved.ok().map(|values| (values, self.store.contents()));
-            endpoint.saved(done, &mut answer);
+            sim_link.saved(done, &mut answer);
         }
         Ok(())
     }
 
-    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
-        self.waiting.read(room)
+    fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        self.waiting.read(buffer)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.endpoint = None;
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.sim_link = None;
         self.waiting.clear();
         Ok(())
     }
@@ -173,7 +173,7 @@ impl Link for Loopback {
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         self.start();
         Ok(())
     }
@@ -203,7 +203,7 @@ impl Descriptors {
     }
 
     /// Waits for bytes; 0 after the timeout.
-    pub fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
+    pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
         let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];
         match poll(&mut waiting, Some(&timeout)) {
@@ -211,7 +211,7 @@ impl Descriptors {
             Ok(_) => {}
             Err(error) => return Err(error.into()),
         }
-        match self.from.read(room) {
+        match self.from.read(buffer) {
             Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
             Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
             other => other,

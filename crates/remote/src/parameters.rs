@@ -12,7 +12,7 @@ use output::terminal::note;
 
 /// One parameter of a board.
 #[derive(Clone, Copy, Debug)]
-pub struct Kept {
+pub struct BoardParameter {
     /// Parameter.
     pub parameter: &'static Parameter,
     /// Value on the board.
@@ -23,7 +23,7 @@ pub struct Kept {
     pub saved: bool,
 }
 
-impl Kept {
+impl BoardParameter {
     /// True if the value differs from the image's default.
     pub fn is_own(&self) -> bool {
         self.source == Source::Stored || !self.saved
@@ -32,23 +32,23 @@ impl Kept {
 
 impl Remote {
     /// Starts a session.
-    pub fn greet(&mut self) -> Result<(), Error> {
+    pub fn start_session(&mut self) -> Result<(), Error> {
         let name = self.name;
-        self.hello().map_err(|fault| fatal(name, fault))
+        self.open_session().map_err(|fault| fatal(name, fault))
     }
 
     /// All parameters of the board, in the order of the table.
-    pub fn parameters(&mut self) -> Result<Vec<Kept>, Error> {
+    pub fn parameters(&mut self) -> Result<Vec<BoardParameter>, Error> {
         let name = self.name;
-        self.ask_for_parameters()
+        self.request_parameters()
             .map_err(|fault| fatal(name, fault))
     }
 
     /// Parameters whose values are the board's own.
     pub fn own_parameters(&mut self) -> Result<Values, Error> {
-        let kept = self.parameters()?;
-        let own = kept.iter().filter(|kept| kept.is_own());
-        Ok(own.map(|kept| (kept.parameter, kept.value)).collect())
+        let parameters = self.parameters()?;
+        let own = parameters.iter().filter(|parameter| parameter.is_own());
+        Ok(own.map(|own| (own.parameter, own.value)).collect())
     }
 
     /// Sets a parameter until the board is reset or its parameters are saved.
@@ -56,20 +56,20 @@ impl Remote {
         let name = self.name;
         let place = TABLE.iter().position(|other| other.id == parameter.id);
         let index = place.unwrap_or(COUNT) as u8;
-        let set = self.carry_out("the value", &Request::SetParameter { index, value });
+        let set = self.execute("the value", &Request::SetParameter { index, value });
         set.map_err(|fault| fatal(name, fault))
     }
 
     /// Saves the parameters; returns the number of values written.
     pub fn save_parameters(&mut self) -> Result<u8, Error> {
         let name = self.name;
-        self.ask_to_save().map_err(|fault| fatal(name, fault))
+        self.request_save().map_err(|fault| fatal(name, fault))
     }
 
-    fn ask_to_save(&mut self) -> Result<u8, Fault> {
+    fn request_save(&mut self) -> Result<u8, Fault> {
         let name = self.name;
-        self.conversation.ask(&Request::SaveParameters)?;
-        match self.conversation.answer()? {
+        self.channel.send_request(&Request::SaveParameters)?;
+        match self.channel.receive_reply()? {
             Reply::Saved { values } => Ok(values),
             // Each value is in range, but together they make no valid node: an error of the user's input.
             Reply::Refused(Refusal::Parameter { text }) => Err(Fault::Fatal(Error::input(
@@ -79,10 +79,10 @@ impl Remote {
         }
     }
 
-    fn ask_for_parameters(&mut self) -> Result<Vec<Kept>, Fault> {
+    fn request_parameters(&mut self) -> Result<Vec<BoardParameter>, Fault> {
         let name = self.name;
-        self.conversation.ask(&Request::Parameters)?;
-        let (table, count, unusable) = match self.conversation.answer()? {
+        self.channel.send_request(&Request::Parameters)?;
+        let (table, count, unusable) = match self.channel.receive_reply()? {
             Reply::Parameters {
                 table,
                 count,
@@ -104,13 +104,13 @@ impl Remote {
         }
         let mut all = Vec::with_capacity(COUNT);
         for (index, parameter) in (0..).zip(&TABLE) {
-            self.conversation.ask(&Request::Parameter { index })?;
-            match self.conversation.answer()? {
+            self.channel.send_request(&Request::Parameter { index })?;
+            match self.channel.receive_reply()? {
                 Reply::Parameter {
                     value,
                     source,
                     saved,
-                } => all.push(Kept {
+                } => all.push(BoardParameter {
                     parameter,
                     value,
                     source,

@@ -24,7 +24,7 @@ impl Relay {
     /// Opens a link to the board `to` over the port of the board `of`, which must be driving.
     pub fn open(robot: Topology, of: Role, port: Box<dyn Link>, to: Role) -> Result<Self, Error> {
         let mut port = Remote::new(robot, of, port);
-        port.attend()
+        port.close_earlier_session()
             .map_err(|fault| fatal(robot.name(of), fault))?;
         Ok(Self {
             port,
@@ -67,7 +67,7 @@ impl Link for Relay {
         Ok(())
     }
 
-    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let deadline = Instant::now() + timeout;
         let mut bytes = [0; 2 * MAX_FRAME];
         while self.waiting.is_empty() {
@@ -78,11 +78,11 @@ impl Link for Relay {
                 break;
             }
         }
-        self.waiting.read(room)
+        self.waiting.read(buffer)
     }
 
     /// Does nothing: the next hello waits for the board.
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 }

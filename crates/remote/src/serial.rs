@@ -57,8 +57,8 @@ impl Link for Serial {
         self.link.send(bytes)
     }
 
-    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.link.receive(room, timeout)
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.link.receive(buffer, timeout)
     }
 
     fn second(&self) -> Option<File> {
@@ -66,7 +66,7 @@ impl Link for Serial {
     }
 
     /// Does nothing: the user resets the board, and the next hello waits for that.
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 }

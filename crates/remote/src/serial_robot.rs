@@ -10,7 +10,7 @@ use crate::link::Link;
 use crate::unanswered::Unanswered;
 use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{Micros, TICK};
@@ -28,14 +28,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Time without a report from the board after which its port is opened again, µs.
-const SILENCE: Micros = 1_000_000;
+const REOPEN_AFTER_US: Micros = 1_000_000;
 /// Time between attempts to open the port, and time without a report after which the run ends, µs.
-const ATTEMPT: Micros = 100_000;
-const PATIENCE: Micros = 10_000_000;
+const REOPEN_INTERVAL_US: Micros = 100_000;
+const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
-const HELD_UP: Duration = Duration::from_millis(50);
+const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
 /// Time after which the lease of another program has lapsed.
-const LEASE: Duration = Duration::from_micros(TERM + 100_000);
+const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
 /// Longest time for a reporting board to fulfil a request, ms.
 const WAIT_MS: u64 = 11_000;
@@ -52,7 +52,7 @@ pub struct OtherBoard {
     port: Option<Box<dyn Link>>,
     link: BoardLink,
     /// Number of reports received, and time of the latest, µs.
-    heard: (u64, Micros),
+    last_report: (u64, Micros),
 }
 
 impl OtherBoard {
@@ -61,7 +61,7 @@ impl OtherBoard {
         Self {
             port: Some(port),
             link: BoardLink::new(robot, role, owner()),
-            heard: (0, 0),
+            last_report: (0, 0),
         }
     }
 
@@ -74,12 +74,12 @@ impl OtherBoard {
             // A failed request is repeated.
             let _ = port.send(bytes);
         }
-        let mut room = [0; 512];
+        let mut buffer = [0; 512];
         loop {
-            match port.receive(&mut room, Duration::ZERO) {
+            match port.receive(&mut buffer, Duration::ZERO) {
                 Ok(0) => break,
                 Ok(count) => {
-                    self.link.take(&room[..count])?;
+                    self.link.take(&buffer[..count])?;
                     self.link.take_frames();
                 }
                 Err(_) => {
@@ -90,9 +90,9 @@ impl OtherBoard {
             }
         }
         let reports = self.link.reports();
-        if self.heard.0 != reports {
-            self.heard = (reports, now);
-        } else if now.saturating_sub(self.heard.1) > SILENCE {
+        if self.last_report.0 != reports {
+            self.last_report = (reports, now);
+        } else if now.saturating_sub(self.last_report.1) > REOPEN_AFTER_US {
             self.link.end_record("silent at its serial port");
         }
         Ok(())
@@ -113,7 +113,7 @@ pub struct SerialRobot {
     tick: u64,
     start: u64,
     /// Times of the latest report and of the latest opening of the port, µs.
-    heard: Micros,
+    last_report: Micros,
     opened: Micros,
     /// Bytes since the latest report.
     unanswered: Unanswered,
@@ -133,7 +133,7 @@ impl SerialRobot {
     pub fn open(
         topology: Topology,
         mut connect: Connect,
-        place: Option<Place>,
+        place: Option<Placement>,
         record: Option<(&Scenario, Vec<OtherBoard>)>,
     ) -> Result<Self, Error> {
         let mut robot = Self {
@@ -145,7 +145,7 @@ impl SerialRobot {
             began: Instant::now(),
             tick: 0,
             start: 0,
-            heard: 0,
+            last_report: 0,
             opened: 0,
             unanswered: Unanswered::default(),
             reconnected: 0,
@@ -160,7 +160,7 @@ impl SerialRobot {
         let mut ready = robot.await_lead(place);
         if robot.link.is_leased() {
             // A program that crashed leaves its lease behind.
-            thread::sleep(LEASE);
+            thread::sleep(LEASE_LAPSE);
             ready = robot.await_lead(place);
         }
         ready?;
@@ -188,11 +188,11 @@ impl SerialRobot {
     }
 
     /// Requests reports and sets the robot's place, if given; waits for both.
-    fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
+    fn await_lead(&mut self, place: Option<Placement>) -> Result<(), Error> {
         match place {
             Some(place) => {
                 self.link.open();
-                self.link.command(&HostCommand::Place(place));
+                self.link.command(&HostCommand::SetPose(place));
             }
             None => self.link.watch(),
         }
@@ -224,14 +224,14 @@ impl SerialRobot {
     /// Restarts the nodes, at `place` or at the robot's estimate, and waits until all boards are recorded.
     fn begin_record(
         &mut self,
-        place: Option<Place>,
+        place: Option<Placement>,
         scenario: &Scenario,
         others: Vec<OtherBoard>,
     ) -> Result<(), Error> {
         let fused = self.lead.fused;
         let known = fused.robot.covariance[0][0] > 0.0;
-        let told = scenario.mission.told();
-        let mut here = scenario.robot.put_down(fused.robot.posture, &told);
+        let configured = scenario.mission.configured_placement();
+        let mut here = scenario.robot.placement(fused.robot.posture, &configured);
         here.center = fused.robot;
         here.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
         let place = place.or(known.then_some(here));
@@ -253,7 +253,7 @@ impl SerialRobot {
         self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
-            self.link.command(&HostCommand::Place(place));
+            self.link.command(&HostCommand::SetPose(place));
         }
         self.settle()?;
         self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
@@ -350,8 +350,8 @@ impl SerialRobot {
     /// Waits until `until`, and opens the port again if an attempt is due.
     fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
         let now = self.clock();
-        if now.saturating_sub(self.heard) > PATIENCE {
-            let seconds = PATIENCE / 1_000_000;
+        if now.saturating_sub(self.last_report) > REPORT_TIMEOUT_US {
+            let seconds = REPORT_TIMEOUT_US / 1_000_000;
             let never = self.link.build().is_empty();
             let what = match never {
                 true => "no robot answered at the serial port of the front board",
@@ -365,7 +365,7 @@ impl SerialRobot {
             )));
         }
         thread::sleep(until.saturating_duration_since(Instant::now()));
-        if now.saturating_sub(self.opened) < ATTEMPT {
+        if now.saturating_sub(self.opened) < REOPEN_INTERVAL_US {
             return Ok(());
         }
         self.opened = now;
@@ -383,7 +383,7 @@ impl SerialRobot {
     /// Exchanges bytes with the board until `until`.
     fn exchange(&mut self, until: Instant) -> Result<(), Error> {
         let now = self.clock();
-        let silent = now.saturating_sub(self.heard.max(self.opened)) > SILENCE;
+        let silent = now.saturating_sub(self.last_report.max(self.opened)) > REOPEN_AFTER_US;
         let Some(port) = self.port.as_mut().filter(|_| !silent) else {
             self.port = None;
             return self.reconnect(until);
@@ -397,17 +397,17 @@ impl SerialRobot {
                 return Ok(());
             }
         }
-        let mut room = [0; 512];
+        let mut buffer = [0; 512];
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            let Ok(count) = port.receive(&mut room, left) else {
+            let Ok(count) = port.receive(&mut buffer, left) else {
                 self.port = None;
                 break;
             };
             if count > 0 {
                 let before = self.link.reports();
-                self.unanswered.hear(&room[..count]);
-                if self.link.take(&room[..count])?
+                self.unanswered.add(&buffer[..count]);
+                if self.link.take(&buffer[..count])?
                     && let Some(latest) = self.link.latest()
                 {
                     self.lead = latest.output;
@@ -418,7 +418,7 @@ impl SerialRobot {
                     }
                 }
                 if self.link.reports() > before {
-                    self.heard = now;
+                    self.last_report = now;
                     self.unanswered = Unanswered::default();
                 }
             }
@@ -429,7 +429,7 @@ impl SerialRobot {
         let tick = self.run_tick();
         let frames = self.link.take_frames();
         for frame in &frames {
-            self.monitor.see(tick, frame);
+            self.monitor.receive(tick, frame);
         }
         self.frames += frames.len() as u64;
         for role in self.monitor.topology.boards() {
@@ -516,7 +516,7 @@ impl Robot for SerialRobot {
         let mut until = self.began + Duration::from_micros((self.tick + 1) * TICK);
         // A delayed program skips the missed ticks, because the link's timeouts count ticks.
         let behind = Instant::now().saturating_duration_since(until);
-        if behind > HELD_UP {
+        if behind > SKIP_TICKS_AFTER {
             self.began += behind;
             until += behind;
         }
@@ -527,7 +527,7 @@ impl Robot for SerialRobot {
         self.exchange(until)?;
         self.publish();
         self.tick += 1;
-        self.show()
+        self.notify_observers()
     }
 
     fn record(&self) -> Record {

@@ -21,14 +21,14 @@ impl Unanswered {
     }
 
     /// Adds received bytes.
-    pub fn hear(&mut self, bytes: &[u8]) {
+    pub fn add(&mut self, bytes: &[u8]) {
         self.count += bytes.len();
         let bytes = match self.first.is_empty() {
             true => without_delimiters(bytes),
             false => bytes,
         };
-        let room = (self.request.len().max(1)).saturating_sub(self.first.len());
-        self.first.extend(bytes.iter().take(room));
+        let missing = (self.request.len().max(1)).saturating_sub(self.first.len());
+        self.first.extend(bytes.iter().take(missing));
     }
 
     /// True before the first byte.

@@ -20,7 +20,7 @@ use std::time::Duration;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
-use virtual_board::finding::Kind;
+use virtual_board::finding::FindingKind;
 
 /// Pins: strap of the rear board, nSLEEP of the motor drivers.
 const STRAP: Pin = Pin::new('C', 13);
@@ -28,7 +28,7 @@ const NSLEEP: Pin = Pin::new('C', 4);
 /// Time that the board runs between two checks of its output, ns.
 const SLICE_NS: u64 = 200_000;
 /// Timeout of a request, ns.
-const PATIENCE_NS: u64 = 250_000_000;
+const REQUEST_TIMEOUT_NS: u64 = 250_000_000;
 /// Offset of the store in the flash.
 const STORE: usize = 16 << 10;
 
@@ -36,7 +36,7 @@ const STORE: usize = 16 << 10;
 #[derive(Clone)]
 struct Port {
     rear: bool,
-    told: bool,
+    strap_set: bool,
     line: SerialLine,
     /// True if the motor drivers were woken.
     woken: bool,
@@ -52,15 +52,15 @@ impl Circuit for Port {
     }
 
     fn next(&self) -> Time {
-        match self.told {
+        match self.strap_set {
             true => self.line.next(),
             false => Time(0),
         }
     }
 
     fn advance(&mut self, at: Time, inputs: &mut Inputs) {
-        if !self.told {
-            self.told = true;
+        if !self.strap_set {
+            self.strap_set = true;
             let strap = if self.rear { Drive::Low } else { Drive::Open };
             inputs.pins.push((STRAP, strap));
         }
@@ -69,26 +69,26 @@ impl Circuit for Port {
 }
 
 /// Command to the thread of a board.
-enum Order {
+enum ThreadCommand {
     Send(Vec<u8>),
     Power(bool),
     Hold(bool),
 }
 
-struct Bench {
+struct ThreadedBoard {
     board: Board,
     reader: Reader,
     held: bool,
     file: Option<PathBuf>,
-    kept: Vec<u8>,
+    saved: Vec<u8>,
 }
 
-impl Bench {
-    fn obey(&mut self, order: Order) -> Option<io::Result<Vec<u8>>> {
-        match order {
-            Order::Power(on) => self.board.power(on),
-            Order::Hold(held) => self.held = held,
-            Order::Send(bytes) => return Some(self.exchange(&bytes)),
+impl ThreadedBoard {
+    fn execute(&mut self, command: ThreadCommand) -> Option<io::Result<Vec<u8>>> {
+        match command {
+            ThreadCommand::Power(on) => self.board.power(on),
+            ThreadCommand::Hold(held) => self.held = held,
+            ThreadCommand::Send(bytes) => return Some(self.exchange(&bytes)),
         }
         None
     }
@@ -101,7 +101,7 @@ impl Bench {
         let now = self.board.now();
         self.port()?.line.send(bytes, now);
         self.board.chip().refresh();
-        let end = now + Time::from_nanos(PATIENCE_NS);
+        let end = now + Time::from_nanos(REQUEST_TIMEOUT_NS);
         loop {
             let until = self.board.now() + Time::from_nanos(SLICE_NS);
             self.board.run_until(until);
@@ -112,9 +112,9 @@ impl Bench {
             }
         }
         self.reader.read(&mut self.board);
-        self.keep()?;
+        self.save_store()?;
         let findings = self.board.chip().findings().list().iter();
-        let mut findings = findings.filter(|finding| finding.kind != Kind::Reset);
+        let mut findings = findings.filter(|finding| finding.kind != FindingKind::Reset);
         if let Some(finding) = findings.next() {
             return Err(io::Error::other(finding.to_string()));
         }
@@ -131,14 +131,14 @@ impl Bench {
     }
 
     /// Writes the store to its file if the store has changed.
-    fn keep(&mut self) -> io::Result<()> {
+    fn save_store(&mut self) -> io::Result<()> {
         let Some(file) = &self.file else {
             return Ok(());
         };
-        let store = &self.board.chip().flash()[STORE..STORE + self.kept.len()];
-        if store != self.kept {
-            self.kept = store.to_vec();
-            files::write_file(file, &self.kept)
+        let store = &self.board.chip().flash()[STORE..STORE + self.saved.len()];
+        if store != self.saved {
+            self.saved = store.to_vec();
+            files::write_file(file, &self.saved)
                 .map_err(|error| io::Error::other(error.to_string()))?;
         }
         Ok(())
@@ -148,8 +148,8 @@ impl Bench {
 /// Link to a virtual board.
 pub struct VirtualLink {
     on: bool,
-    orders: Option<Sender<Order>>,
-    answers: Receiver<io::Result<Vec<u8>>>,
+    commands: Option<Sender<ThreadCommand>>,
+    replies: Receiver<io::Result<Vec<u8>>>,
     /// Exchanges whose reply was not yet read.
     waiting: usize,
     rest: VecDeque<u8>,
@@ -166,34 +166,34 @@ impl VirtualLink {
     ) -> Result<Self, Error> {
         let port = Port {
             rear: role != Role::LEAD && !role.is_beam(),
-            told: false,
+            strap_set: false,
             line: SerialLine::default(),
             woken: false,
         };
         let image = images.of(role);
         let mut board = Board::new(Box::new(port), 0);
         board.flash(image);
-        let mut kept = Vec::new();
+        let mut saved = Vec::new();
         if let Some(file) = flash {
             make_flash_file(file)?;
-            kept = flash_file(file)?.unwrap_or_default();
-            board.chip().flash()[STORE..STORE + kept.len()].copy_from_slice(&kept);
+            saved = flash_file(file)?.unwrap_or_default();
+            board.chip().flash()[STORE..STORE + saved.len()].copy_from_slice(&saved);
         }
         board.power(true);
-        let mut bench = Bench {
+        let mut threaded = ThreadedBoard {
             board,
             reader: Reader::new(image, log),
             held: false,
             file: flash.map(Path::to_owned),
-            kept,
+            saved,
         };
-        let (orders, from) = channel();
-        let (to, answers) = channel();
+        let (commands, from) = channel();
+        let (to, replies) = channel();
         let thread = thread::spawn(move || {
-            for order in from {
+            for command in from {
                 // A link being dropped takes no reply.
-                if let Some(answer) = bench.obey(order)
-                    && to.send(answer).is_err()
+                if let Some(reply) = threaded.execute(command)
+                    && to.send(reply).is_err()
                 {
                     break;
                 }
@@ -201,23 +201,25 @@ impl VirtualLink {
         });
         Ok(Self {
             on: true,
-            orders: Some(orders),
-            answers,
+            commands: Some(commands),
+            replies,
             waiting: 0,
             rest: VecDeque::new(),
             thread: Some(thread),
         })
     }
 
-    fn order(&self, order: Order) -> io::Result<()> {
-        let orders = self.orders.as_ref().ok_or(ErrorKind::BrokenPipe)?;
-        orders.send(order).map_err(|_| ErrorKind::BrokenPipe.into())
+    fn command(&self, command: ThreadCommand) -> io::Result<()> {
+        let commands = self.commands.as_ref().ok_or(ErrorKind::BrokenPipe)?;
+        commands
+            .send(command)
+            .map_err(|_| ErrorKind::BrokenPipe.into())
     }
 
     fn power(&mut self, on: bool) -> Result<(), Error> {
         self.on = on;
         self.rest.clear();
-        Ok(self.order(Order::Power(on))?)
+        Ok(self.command(ThreadCommand::Power(on))?)
     }
 }
 
@@ -231,34 +233,34 @@ impl Link for VirtualLink {
             return Err(ErrorKind::BrokenPipe.into());
         }
         self.waiting += 1;
-        self.order(Order::Send(bytes.to_vec()))
+        self.command(ThreadCommand::Send(bytes.to_vec()))
     }
 
-    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
         if self.rest.is_empty() && self.waiting > 0 {
             self.waiting -= 1;
-            let answer = self.answers.recv().map_err(|_| ErrorKind::BrokenPipe)?;
-            self.rest.extend(answer?);
+            let reply = self.replies.recv().map_err(|_| ErrorKind::BrokenPipe)?;
+            self.rest.extend(reply?);
         }
-        self.rest.read(room)
+        self.rest.read(buffer)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.power(false)
     }
 
     fn halt(&mut self, halted: bool) -> Result<(), Error> {
-        Ok(self.order(Order::Hold(halted))?)
+        Ok(self.command(ThreadCommand::Hold(halted))?)
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         self.power(true)
     }
 }
 
 impl Drop for VirtualLink {
     fn drop(&mut self) {
-        self.orders = None;
+        self.commands = None;
         if let Some(thread) = self.thread.take() {
             // A panic of the thread is ignored.
             let _ = thread.join();

@@ -151,7 +151,7 @@ impl Clock {
     }
 
     /// Attributes of an animation: a value for each step, the last one held.
-    fn play(&self, values: &[String]) -> String {
+    fn animate(&self, values: &[String]) -> String {
         let held = values.last().map_or("", String::as_str);
         let values = values.iter().map(String::as_str);
         let values: Vec<&str> = values
@@ -228,7 +228,7 @@ fn panel(text: &mut String, panel: &Panel, [left, width]: [f64; 2]) {
             "<polyline fill=\"none\" {} points=\"{}\"><animate attributeName=\"points\" {}/></polyline>",
             stroke(FRAME.stroke),
             shapes.last().map_or("", String::as_str),
-            panel.clock.play(&shapes),
+            panel.clock.animate(&shapes),
         );
     }
     text.push_str("</svg>\n");
@@ -270,9 +270,9 @@ fn estimate(text: &mut String, panel: &Panel, records: &[&Record]) {
         [x, y, truth + wrap(phi - truth)]
     });
     let postures: Vec<[f64; 3]> = postures.collect();
-    let look = stroke(ESTIMATE.stroke);
+    let style = stroke(ESTIMATE.stroke);
     let cross = format!(
-        "<line x1=\"-6\" x2=\"14\" y1=\"0\" y2=\"0\" {look}/><line x1=\"0\" x2=\"0\" y1=\"-6\" y2=\"6\" {look}/>"
+        "<line x1=\"-6\" x2=\"14\" y1=\"0\" y2=\"0\" {style}/><line x1=\"0\" x2=\"0\" y1=\"-6\" y2=\"6\" {style}/>"
     );
     moving(text, panel, &postures, &cross);
     // The covariance is that of the position in global coordinates: the ellipse turns by its own angle.
@@ -294,13 +294,13 @@ fn estimate(text: &mut String, panel: &Panel, records: &[&Record]) {
     let [rx, ry] = [axis(0), axis(1)];
     let last = |values: &[String]| values.last().cloned().unwrap_or_default();
     let shape = format!(
-        "<ellipse rx=\"{}\" ry=\"{}\" fill=\"{}\" fill-opacity=\"0.08\" {look}>\
+        "<ellipse rx=\"{}\" ry=\"{}\" fill=\"{}\" fill-opacity=\"0.08\" {style}>\
          <animate attributeName=\"rx\" {}/><animate attributeName=\"ry\" {}/></ellipse>",
         last(&rx),
         last(&ry),
         ESTIMATE.stroke.color.css(),
-        panel.clock.play(&rx),
-        panel.clock.play(&ry),
+        panel.clock.animate(&rx),
+        panel.clock.animate(&ry),
     );
     moving(text, panel, &turned, &shape);
 }
@@ -338,30 +338,30 @@ fn moving(text: &mut String, panel: &Panel, postures: &[[f64; 3]], shape: &str) 
         text,
         "<g transform=\"translate({end})\">{animate}\"translate\" {}/>\
          <g transform=\"rotate({end_turn})\">{animate}\"rotate\" {}/>{shape}</g></g>",
-        panel.clock.play(&places),
-        panel.clock.play(&turns),
+        panel.clock.animate(&places),
+        panel.clock.animate(&turns),
     );
 }
 
-fn line(text: &mut String, points: &str, look: Stroke) {
+fn line(text: &mut String, points: &str, style: Stroke) {
     let _ = writeln!(
         text,
         "<polyline fill=\"none\" {} points=\"{points}\"/>",
-        stroke(look)
+        stroke(style)
     );
 }
 
 /// Attributes of a line.
-fn stroke(look: Stroke) -> String {
-    let dash: Vec<String> = look.dash.pattern().iter().map(f64::to_string).collect();
+fn stroke(style: Stroke) -> String {
+    let dash: Vec<String> = style.dash.pattern().iter().map(f64::to_string).collect();
     let dash = match dash.is_empty() {
         true => String::new(),
         false => format!(" stroke-dasharray=\"{}\"", dash.join(" ")),
     };
     format!(
         "stroke=\"{}\" stroke-width=\"{}\" stroke-linecap=\"round\"{dash}",
-        look.color.css(),
-        look.width
+        style.color.css(),
+        style.width
     )
 }
 

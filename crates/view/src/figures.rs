@@ -327,7 +327,7 @@ fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
         panel = panel.hide_x();
     }
     let mut last = Vec::new();
-    for (name, trace, look) in [
+    for (name, trace, appearance) in [
         ("true", &column.truth, TRUTH),
         ("robot's estimate", &column.estimate, ESTIMATE),
     ] {
@@ -341,7 +341,7 @@ fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
                     false => "–".to_owned(),
                 }),
         );
-        panel.line(name, with_gaps(points, 180.0), look.stroke);
+        panel.line(name, with_gaps(points, 180.0), appearance.stroke);
     }
     let end = column.estimate.last().zip(column.measured);
     if let Some(((time, _), measured)) = end {
@@ -414,7 +414,7 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
         .caption(run.distance_label)
         .hide_x();
     let mut heading = Panel::new("t (s)", "heading error (°)");
-    for (name, errors, look) in [
+    for (name, errors, appearance) in [
         ("true", &run.truth, TRUTH),
         ("robot's estimate", &run.estimate, ESTIMATE),
     ] {
@@ -422,9 +422,9 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
             let pairs = errors.t_s.iter().zip(values);
             pairs.map(|(&t, &value)| [t, factor * value]).collect()
         };
-        distance.line(name, over_time(&errors.distance_m, 1e3), look.stroke);
+        distance.line(name, over_time(&errors.distance_m, 1e3), appearance.stroke);
         let turns = over_time(&errors.heading_rad, 1f64.to_degrees());
-        heading.line(name, with_gaps(turns.into_iter(), 180.0), look.stroke);
+        heading.line(name, with_gaps(turns.into_iter(), 180.0), appearance.stroke);
     }
     let height = Height::Data {
         least: 180.0,

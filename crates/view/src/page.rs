@@ -19,7 +19,7 @@ use serde_json::json;
 
 const PAGE: &str = include_str!("page.html");
 /// Placeholders of the data and of the colours for a light and a dark page.
-const PLACE: &str = "/*DATA*/";
+const DATA: &str = "/*DATA*/";
 const LIGHT: &str = "/*LIGHT*/";
 const DARK: &str = "/*DARK*/";
 /// Name of the report file.
@@ -28,7 +28,7 @@ pub const FILE: &str = "report.html";
 /// Largest number of samples per run.
 const MOST_SAMPLES: usize = 3_000;
 /// Samples per second, unless that exceeds [`MOST_SAMPLES`].
-const RATE: f64 = 50.0;
+const SAMPLES_PER_S: f64 = 50.0;
 
 /// A number rounded to this many decimal places.
 #[derive(Clone, Copy, Debug)]
@@ -48,14 +48,14 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
 }
 
 /// Positions rounded to 10 µm, angles to 10 µrad.
-type Place = Rounded<5>;
+type Coordinate = Rounded<5>;
 
-fn places<const N: usize>(values: [f64; N]) -> [Place; N] {
+fn coordinates<const N: usize>(values: [f64; N]) -> [Coordinate; N] {
     values.map(Rounded)
 }
 
 /// Errors of a midpoint: distance (m) and heading (rad).
-pub type Error = [f64; 2];
+pub type MidpointError = [f64; 2];
 
 /// A run on the page.
 pub struct Run<'a> {
@@ -70,7 +70,7 @@ pub struct Run<'a> {
     /// Epochs, in order.
     pub records: Vec<&'a Record>,
     /// Errors of the true and of the estimated midpoint, one pair per record.
-    pub errors: Vec<[Error; 2]>,
+    pub errors: Vec<[MidpointError; 2]>,
     /// Title of the distance plot.
     pub distance: &'static str,
     /// End of the run, the first rows of the summary.
@@ -106,7 +106,7 @@ impl Run<'_> {
         let count = self.records.len();
         let time = |record: &&Record| record.time_s;
         let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
-        let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
+        let wanted = ((span * SAMPLES_PER_S) as usize).clamp(1, MOST_SAMPLES);
         let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
         // The last epoch is always included.
         let last = count.checked_sub(1).filter(|last| last % stride != 0);
@@ -142,8 +142,8 @@ impl Run<'_> {
             f64::from(record(i).lead.fused.robot.covariance[axis][axis]).sqrt()
         };
         let off = |i: usize, axis: usize| {
-            let seen = posture(record(i).lead.fused.robot.posture);
-            seen[axis] - record(i).midpoint[axis]
+            let estimate = posture(record(i).lead.fused.robot.posture);
+            estimate[axis] - record(i).midpoint[axis]
         };
         let degrees = |angle: f64| wrap(angle).to_degrees();
         let position = |i: usize, n: usize| match n {
@@ -201,13 +201,16 @@ impl Run<'_> {
 
     fn json(&self) -> serde_json::Value {
         let shown: Vec<usize> = self.shown().collect();
-        let seen: Vec<Record> = shown.iter().map(|&i| self.records[i].seen()).collect();
-        let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Place; 3]> {
-            let values = seen.iter().map(value);
-            values.map(places).collect()
+        let records: Vec<Record> = shown
+            .iter()
+            .map(|&i| self.records[i].with_estimate())
+            .collect();
+        let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Coordinate; 3]> {
+            let values = records.iter().map(value);
+            values.map(coordinates).collect()
         };
         // Points of the frames relative to the midpoint, from the rear on.
-        let frame = |record: &Record| -> Vec<Place> {
+        let frame = |record: &Record| -> Vec<Coordinate> {
             let [x, y, _] = record.midpoint;
             let points = record.frames.iter().rev().flat_map(|frame| &frame.points);
             points
@@ -223,7 +226,7 @@ impl Run<'_> {
                 .map(|row| row.map(f64::from));
             [p[0][0], p[0][1], p[1][1], p[2][2]].map(Rounded)
         };
-        let target = |record: &Record| record.lead.target.map(|p| places(posture(p)));
+        let target = |record: &Record| record.lead.target.map(|p| coordinates(posture(p)));
         // Upper bound of the distance from the truth to the 2σ ellipse of the estimate.
         let spread = |record: &Record| {
             let [x, y, _] = posture(record.lead.fused.robot.posture);
@@ -233,13 +236,13 @@ impl Run<'_> {
             let reach = off + 2.0 * sigma;
             if reach.is_finite() { reach } else { 0.0 }
         };
-        let spread = seen.iter().map(spread).fold(1e-3, f64::max);
+        let spread = records.iter().map(spread).fold(1e-3, f64::max);
         let with_target = self
             .records
             .iter()
             .any(|record| record.lead.target.is_some());
         let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
-            seen.iter().map(value).collect()
+            records.iter().map(value).collect()
         };
         let mission = &self.scenario.mission;
         let axles = self.scenario.robot.topology().axles();
@@ -249,9 +252,9 @@ impl Run<'_> {
             "title": self.title,
             "known": self.records.iter().any(|record| !record.midpoint[0].is_nan()),
             "name": self.name,
-            "goal": self.goal.map(places),
+            "goal": self.goal.map(coordinates),
             "tolerance": [mission.tolerance_m, mission.tolerance_rad],
-            "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
+            "reference": self.reference.iter().map(|&p| coordinates(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
             "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
@@ -305,7 +308,7 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
         .replace("<!--", "<\\u0021--");
     PAGE.replacen(LIGHT, &style::css(false), 1)
         .replacen(DARK, &style::css(true), 1)
-        .replacen(PLACE, &data, 1)
+        .replacen(DATA, &data, 1)
 }
 
 #[cfg(test)]

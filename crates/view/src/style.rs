@@ -1,7 +1,7 @@
 //! Colours, dashes and marks of all figures and of the report page.
 //!
-//! Figures take each [`Look`] from one table and define none of their own. The colours are those of Okabe and Ito,
-//! which colour-blind readers can distinguish. Dashes and shapes distinguish the kinds in grayscale.
+//! Figures take each [`Appearance`] from one table and define none of their own. The colours are those of Okabe and
+//! Ito, which colour-blind readers can distinguish. Dashes and shapes distinguish the kinds in grayscale.
 
 use host_sim::run::end::Verdict;
 
@@ -115,7 +115,7 @@ impl Mark {
 
 /// Appearance of one kind of object in every figure.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct Appearance {
     /// Name of the CSS variable on the report page.
     pub name: &'static str,
     /// Line.
@@ -144,8 +144,13 @@ const SERIES: [(Rgb, Rgb); 7] = [
 ];
 const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDot, Dash::Dotted];
 
-const fn look(name: &'static str, (color, dark): (Rgb, Rgb), width: f64, dash: Dash) -> Look {
-    Look {
+const fn appearance(
+    name: &'static str,
+    (color, dark): (Rgb, Rgb),
+    width: f64,
+    dash: Dash,
+) -> Appearance {
+    Appearance {
         name,
         stroke: Stroke { color, width, dash },
         dark,
@@ -153,27 +158,27 @@ const fn look(name: &'static str, (color, dark): (Rgb, Rgb), width: f64, dash: D
 }
 
 /// True motion.
-pub const TRUTH: Look = look("truth", SERIES[0], 2.0, Dash::Solid);
+pub const TRUTH: Appearance = appearance("truth", SERIES[0], 2.0, Dash::Solid);
 /// The robot's estimate.
-pub const ESTIMATE: Look = look("estimate", SERIES[6], 1.6, Dash::Dashed);
+pub const ESTIMATE: Appearance = appearance("estimate", SERIES[6], 1.6, Dash::Dashed);
 /// Reference path or reference motion.
-pub const REFERENCE: Look = look("reference", SERIES[2], 2.0, Dash::DashDot);
+pub const REFERENCE: Appearance = appearance("reference", SERIES[2], 2.0, Dash::DashDot);
 /// Goal posture.
-pub const GOAL: Look = look("goal", SERIES[2], 2.0, Dash::Solid);
+pub const GOAL: Appearance = appearance("goal", SERIES[2], 2.0, Dash::Solid);
 /// Run that stopped, failed or ran out of time.
-pub const FAILURE: Look = look("failure", SERIES[1], 1.8, Dash::Dotted);
+pub const FAILURE: Appearance = appearance("failure", SERIES[1], 1.8, Dash::Dotted);
 /// Run that ended outside the tolerance.
-pub const OUTSIDE: Look = look("outside", SERIES[3], 1.6, Dash::Dashed);
+pub const OUTSIDE: Appearance = appearance("outside", SERIES[3], 1.6, Dash::Dashed);
 /// Flexible frame.
-pub const FRAME: Look = look("frame", SERIES[4], 3.0, Dash::Solid);
+pub const FRAME: Appearance = appearance("frame", SERIES[4], 3.0, Dash::Solid);
 /// Axles and wheels.
-pub const BODY: Look = look("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
+pub const BODY: Appearance = appearance("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
 /// Tracks of the wheels.
-pub const WHEELS: Look = look("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
+pub const WHEELS: Appearance = appearance("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
 /// Trials that are not drawn in full.
-pub const OTHERS: Look = look("others", SERIES[5], 0.9, Dash::Solid);
+pub const OTHERS: Appearance = appearance("others", SERIES[5], 0.9, Dash::Solid);
 /// Tolerance, and 95 % band.
-pub const BAND: Look = look(
+pub const BAND: Appearance = appearance(
     "band",
     (Rgb(214, 214, 214), Rgb(60, 66, 74)),
     1.6,
@@ -181,21 +186,21 @@ pub const BAND: Look = look(
 );
 
 /// Figures that the paper prints for its robot.
-pub const PAPER: Look = look("paper", SERIES[6], 1.8, Dash::DashDot);
+pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
 /// Table of all looks.
-pub const TABLE: [Look; 12] = [
+pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
 /// Look with the `color`-th colour and the `dash`-th pattern.
-pub const fn series_by(color: usize, dash: usize) -> Look {
+pub const fn series_by(color: usize, dash: usize) -> Appearance {
     let colors = SERIES[color % SERIES.len()];
-    look("series", colors, 1.8, DASHES[dash % DASHES.len()])
+    appearance("series", colors, 1.8, DASHES[dash % DASHES.len()])
 }
 
 /// Look of the n-th series without a kind of its own.
-pub const fn series(n: usize) -> Look {
+pub const fn series(n: usize) -> Appearance {
     series_by(n, n)
 }
 
@@ -248,10 +253,14 @@ const PAGE_SERIES: usize = 8;
 /// CSS variables of all looks: colours for a light or a dark page, and dashes.
 pub fn css(dark: bool) -> String {
     let series = (0..PAGE_SERIES).map(|n| (format!("c{n}"), series(n)));
-    let named = TABLE.map(|look| (look.name.to_owned(), look));
-    let all = named.into_iter().chain(series).map(|(name, look)| {
-        let color = if dark { look.dark } else { look.stroke.color };
-        let dash: Vec<String> = look
+    let named = TABLE.map(|appearance| (appearance.name.to_owned(), appearance));
+    let all = named.into_iter().chain(series).map(|(name, appearance)| {
+        let color = if dark {
+            appearance.dark
+        } else {
+            appearance.stroke.color
+        };
+        let dash: Vec<String> = appearance
             .stroke
             .dash
             .pattern()
@@ -300,8 +309,8 @@ mod tests {
     fn style_sheet_names_every_kind_once() {
         for dark in [false, true] {
             let css = css(dark);
-            for look in TABLE {
-                assert_eq!(css.matches(&format!("--{}: #", look.name)).count(), 1);
+            for appearance in TABLE {
+                assert_eq!(css.matches(&format!("--{}: #", appearance.name)).count(), 1);
             }
             assert!(css.contains("--estimate-dash: 7 4.5;") && css.contains("--truth-dash: ;"));
         }

@@ -9,7 +9,7 @@
 mod flat;
 
 use flat::Flat;
-use flat::peer::{FLASH, MOST, WORDS, prepare, restart, set_state, state, word, words};
+use flat::peer::{FLASH, MAX_CYCLES, WORDS, prepare, restart, set_state, state, word, words};
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use virtual_board::core::{Core, Stop};
 
@@ -22,7 +22,7 @@ const OWN: usize = 0x400;
 fn execute(core: &mut Core, flat: &mut Flat, words: &[u32], (begin, end): (u32, u32)) -> bool {
     set_state(core, words);
     core.set_register(15, begin);
-    let until = core.cycles() + MOST;
+    let until = core.cycles() + MAX_CYCLES;
     if end == 0 {
         let stop = core.step(flat, until);
         return stop == Stop::Step && core.exception() == 0;

@@ -14,7 +14,7 @@
 mod flat;
 
 use flat::Flat;
-use flat::peer::{FLASH, MOST, WORDS, prepare, restart, set_state, state, word, words};
+use flat::peer::{FLASH, MAX_CYCLES, WORDS, prepare, restart, set_state, state, word, words};
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 use virtual_board::core::{Core, Stop};
@@ -100,15 +100,15 @@ impl Stretches {
         }
     }
 
-    /// Executes up to `most` instructions. Returns how many can be compared, how many of these were skipped, and true
-    /// if no others were executed.
-    fn attempt(&mut self, begin: u32, most: u32, words: &[u32]) -> ([u32; 2], bool) {
+    /// Executes up to `max_instructions` instructions. Returns how many can be compared, how many of these were
+    /// skipped, and true if no others were executed.
+    fn attempt(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> ([u32; 2], bool) {
         // Masks and exclusive monitor are reset.
         restart(&mut self.core, &mut self.flat);
         set_state(&mut self.core, words);
         self.core.set_register(15, begin);
         let (mut good, mut skipped, mut loaded) = ([0; 2], 0, None);
-        for count in 1..=most {
+        for count in 1..=max_instructions {
             let pc = self.core.pc();
             skipped += u32::from(is_skipped(self.core.xpsr()));
             match self.sort(pc) {
@@ -120,7 +120,7 @@ impl Stretches {
                 Sort::LoadExclusive(address) => loaded = Some(address),
                 Sort::Plain => {}
             }
-            let until = self.core.cycles() + MOST;
+            let until = self.core.cycles() + MAX_CYCLES;
             let stop = self.core.step(&mut self.flat, until);
             if stop != Stop::Step || self.core.exception() != 0 {
                 return (good, false);
@@ -130,13 +130,13 @@ impl Stretches {
                 good = [count, skipped];
             }
         }
-        (good, good[0] == most)
+        (good, good[0] == max_instructions)
     }
 
     /// Executes a stretch; effects of instructions that cannot be compared are undone.
-    fn stretch(&mut self, begin: u32, most: u32, words: &[u32]) -> [u32; 2] {
+    fn stretch(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> [u32; 2] {
         let before = (self.flat.sram.clone(), self.flat.ccm.clone());
-        let (mut good, mut exact) = self.attempt(begin, most, words);
+        let (mut good, mut exact) = self.attempt(begin, max_instructions, words);
         while !exact {
             (self.flat.sram, self.flat.ccm) = before.clone();
             (good, exact) = self.attempt(begin, good[0], words);
@@ -146,9 +146,9 @@ impl Stretches {
 
     fn batch(&mut self, input: &mut impl Read, output: &mut impl Write) -> io::Result<()> {
         for _ in 0..word(input)? {
-            let (begin, most) = (word(input)?, word(input)?);
+            let (begin, max_instructions) = (word(input)?, word(input)?);
             let words = words(input, WORDS)?;
-            let good = self.stretch(begin, most, &words);
+            let good = self.stretch(begin, max_instructions, &words);
             for word in good.into_iter().chain(state(&self.core)) {
                 output.write_all(&word.to_le_bytes())?;
             }

@@ -86,23 +86,23 @@ def sigrok_decoder(folder):
         dom_edge_snum = dom_edge_bcount = 0
 
         def put(self, start, end, output, data):
-            self.said.append((data[0], data[1][0]))
+            self.emitted.append((data[0], data[1][0]))
 
         def decode_bits(self, bits):
-            self.said = []
+            self.emitted = []
             self.out_ann = 0
             for bit in bits:
                 self.handle_bit(int(bit))
-            return self.said
+            return self.emitted
 
     return Decoder()
 
 
 def decoded(decoder, bits):
     """Identifier, length code and data as the decoder says, and its warnings."""
-    said = decoder.decode_bits(bits)
+    emitted = decoder.decode_bits(bits)
     after = lambda text: int(text.split("0x")[1].rstrip(")"), 16)
-    text = lambda kind: [words if isinstance(words, str) else words[0] for k, words in said if k == kind]
+    text = lambda kind: [words if isinstance(words, str) else words[0] for k, words in emitted if k == kind]
     identifiers = text(5) or text(3)
     code = [int(words.split(": ")[1]) for words in text(10)]
     data = [after(words) for words in text(0)]

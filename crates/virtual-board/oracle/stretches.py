@@ -61,8 +61,8 @@ class Ours:
         """Instructions, those not skipped, program counter and words of each; memories; bits of what
         was executed."""
         request = memories + struct.pack("<I", len(starts))
-        for begin, most, words in starts:
-            request += struct.pack(f"<{2 + lockstep.WORDS}I", begin, most, *words)
+        for begin, max_instructions, words in starts:
+            request += struct.pack(f"<{2 + lockstep.WORDS}I", begin, max_instructions, *words)
         self.process.stdin.write(request)
         self.process.stdin.flush()
         results = []
@@ -161,7 +161,7 @@ def cut(ours, theirs, memories, starts):
     return f"the instruction at {pc:#010x}, {low} after {begin:#010x}"
 
 
-def image(path, most, rng, show):
+def image(path, max_instructions, rng, show):
     """Stretches of one image until there is nothing new to begin with; the instructions compared, the
     image's, those that were executed, and the differences."""
     places = list(encodings_of_elf.instructions(path))
@@ -183,7 +183,7 @@ def image(path, most, rng, show):
             while left and len(starts) < BATCH:
                 address = left.pop()
                 if is_new(address):
-                    starts.append((address, most, state(rng, pool)))
+                    starts.append((address, max_instructions, state(rng, pool)))
             memories = struct.pack(f"<{MEMORIES // 4}I", *rng.choices(pool, k=MEMORIES // 4))
             count, texts, executed, given = compare(ours, theirs, memories, starts)
             total += count

@@ -6,7 +6,7 @@ use std::fmt;
 
 /// Kind of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Kind {
+pub enum FindingKind {
     /// An instruction or a feature that is not modelled: results after this finding are not reliable.
     NotModelled,
     /// An access to a peripheral whose clock is off.
@@ -31,7 +31,7 @@ pub enum Kind {
     Pin,
 }
 
-impl Kind {
+impl FindingKind {
     /// Name in tables and in JSON.
     pub fn name(self) -> &'static str {
         match self {
@@ -54,7 +54,7 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// Kind.
-    pub kind: Kind,
+    pub kind: FindingKind,
     /// Description.
     pub text: String,
     /// Program counter at the first occurrence.
@@ -86,13 +86,13 @@ impl fmt::Display for Finding {
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
     list: Vec<Finding>,
-    index: HashMap<(Kind, u32, String), usize>,
+    index: HashMap<(FindingKind, u32, String), usize>,
 }
 
 impl Findings {
     /// Notes an occurrence.
     #[cold]
-    pub fn note(&mut self, kind: Kind, pc: u32, at: Time, text: impl Into<String>) {
+    pub fn note(&mut self, kind: FindingKind, pc: u32, at: Time, text: impl Into<String>) {
         let text = text.into();
         let next = self.list.len();
         let place = *self.index.entry((kind, pc, text.clone())).or_insert(next);
@@ -122,7 +122,7 @@ mod tests {
     fn repeated_finding_at_the_same_place_is_counted() {
         let mut findings = Findings::default();
         for (pc, time) in [(8, 1), (8, 2), (12, 3)] {
-            findings.note(Kind::ClockGated, pc, Time(time), "SPI1");
+            findings.note(FindingKind::ClockGated, pc, Time(time), "SPI1");
         }
         let counts: Vec<_> = findings
             .list()

@@ -50,5 +50,5 @@ pub mod time;
 pub mod wire;
 mod workers;
 
-pub use finding::{Finding, Findings, Kind};
+pub use finding::{Finding, FindingKind, Findings};
 pub use time::{Cycles, Time};

@@ -145,7 +145,7 @@ impl Network {
             for board in &mut self.boards {
                 board.run_until(next);
             }
-            carry(
+            advance_wire(
                 &mut self.wire,
                 next,
                 self.boards.iter_mut().map(|board| &mut **board),
@@ -165,7 +165,7 @@ impl Network {
             let next = time.min(self.now + self.quantum);
             let carried = workers.run(next, |boards| {
                 let boards = boards.iter_mut().map(|board| &mut **board);
-                carry(&mut self.wire, next, boards, &mut self.others);
+                advance_wire(&mut self.wire, next, boards, &mut self.others);
             });
             if carried.is_none() {
                 break;
@@ -177,7 +177,7 @@ impl Network {
 }
 
 /// Advances the wire to `until` with these boards and nodes.
-fn carry<'a>(
+fn advance_wire<'a>(
     wire: &mut Wire,
     until: Time,
     boards: impl Iterator<Item = &'a mut Board>,

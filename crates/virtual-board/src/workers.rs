@@ -11,10 +11,10 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Number of polls after which a waiting thread yields.
-const SPINS: u32 = 2_000;
+const POLLS_UNTIL_YIELD: u32 = 2_000;
 /// Number of polls after which a worker sleeps between polls, because the boards are not running.
-const PATIENCE: u32 = 20_000;
-const NAP: Duration = Duration::from_micros(100);
+const POLLS_UNTIL_SLEEP: u32 = 20_000;
+const POLL_SLEEP: Duration = Duration::from_micros(100);
 
 /// Threads, and the boards handed to them.
 pub(crate) struct Workers {
@@ -111,7 +111,7 @@ impl Workers {
         shared.done.store(0, Ordering::Relaxed);
         // A thread that takes a board sees the values written before.
         shared.taken.store(0, Ordering::Release);
-        shared.help();
+        shared.run_boards();
         let failed = || shared.failed.load(Ordering::Acquire);
         let all = shared.boards.len();
         wait(u32::MAX, || {
@@ -145,15 +145,15 @@ impl Shared {
         let _alarm = Alarm(self);
         let stop = || self.stop.load(Ordering::Relaxed);
         while !stop() {
-            wait(PATIENCE, || {
+            wait(POLLS_UNTIL_SLEEP, || {
                 self.taken.load(Ordering::Relaxed) < self.boards.len() || stop()
             });
-            self.help();
+            self.run_boards();
         }
     }
 
     /// Runs boards until all are taken.
-    fn help(&self) {
+    fn run_boards(&self) {
         while let Some(place) = self.order.get(self.taken.fetch_add(1, Ordering::AcqRel)) {
             if let Some(slot) = self.boards.get(place.load(Ordering::Relaxed)) {
                 let until = Time(self.until.load(Ordering::Relaxed));
@@ -184,15 +184,15 @@ fn lock(slot: &Mutex<Slot>) -> MutexGuard<'_, Slot> {
     slot.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Waits until `ready`; after `patience` polls, the thread sleeps between polls.
-fn wait(patience: u32, ready: impl Fn() -> bool) {
+/// Waits until `ready`; after `polls_until_sleep` polls, the thread sleeps between polls.
+fn wait(polls_until_sleep: u32, ready: impl Fn() -> bool) {
     let mut turns = 0u32;
     while !ready() {
         turns = turns.saturating_add(1);
         match turns {
-            ..SPINS => std::hint::spin_loop(),
-            _ if turns < patience => std::thread::yield_now(),
-            _ => std::thread::sleep(NAP),
+            ..POLLS_UNTIL_YIELD => std::hint::spin_loop(),
+            _ if turns < polls_until_sleep => std::thread::yield_now(),
+            _ => std::thread::sleep(POLL_SLEEP),
         }
     }
 }
@@ -243,8 +243,8 @@ mod tests {
                 workers.run(Time::from_micros(2000), |_| ());
                 workers.take(&mut boards);
             }));
-            let said = *end.unwrap_err().downcast::<&str>().unwrap();
-            assert_eq!(said, "the clock has run down");
+            let message = *end.unwrap_err().downcast::<&str>().unwrap();
+            assert_eq!(message, "the clock has run down");
         }
     }
 }

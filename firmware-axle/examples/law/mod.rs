@@ -1,6 +1,6 @@
 //! A kinematic controller: the law in polar coordinates.
 
-use core_algos::control::controller::{KinematicController, Memory, Wanted};
+use core_algos::control::controller::{ControllerOutput, KinematicController, Memory};
 use core_algos::control::regulator::Input;
 use core_algos::math::trig::{atan2, hypot, wrap_angle};
 
@@ -8,7 +8,7 @@ use core_algos::math::trig::{atan2, hypot, wrap_angle};
 pub struct Polar;
 
 impl KinematicController for Polar {
-    fn step(&self, memory: &mut Memory, input: &Input) -> Wanted {
+    fn step(&self, memory: &mut Memory, input: &Input) -> ControllerOutput {
         let ahead = input.goal.relative_to(input.posture);
         let distance = hypot(ahead.x, ahead.y);
         // Memory: 1 once the robot has arrived.
@@ -17,9 +17,9 @@ impl KinematicController for Polar {
         }
         if memory[0] == 1.0 {
             let done = input.speed_m_s.abs() < 1e-3;
-            return Wanted {
+            return ControllerOutput {
                 done,
-                ..Wanted::default()
+                ..ControllerOutput::default()
             };
         }
         let bearing = atan2(ahead.y, ahead.x);
@@ -27,7 +27,7 @@ impl KinematicController for Polar {
         let v = 0.2_f32.min(0.5 * distance + 0.02);
         // Turn towards the goal, and away from its heading, so that the robot arrives along it.
         let turn = 4.0 * bearing - 2.0 * heading;
-        Wanted {
+        ControllerOutput {
             v,
             kappa: (turn / distance).clamp(-2.5, 2.5),
             done: false,

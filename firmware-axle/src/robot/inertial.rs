@@ -47,7 +47,7 @@ impl Inertial {
     }
 
     /// True if the sensor responds with its configuration.
-    pub fn answers(&self) -> bool {
+    pub fn responds(&self) -> bool {
         !self.sensor.is_lost()
     }
 

@@ -55,7 +55,7 @@ const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// Periods in a tick.
 const PERIODS: u8 = 20;
 /// Timeout of the command, periods: 2 ms. The motors are then switched off.
-const PATIENCE: u8 = 40;
+const COMMAND_TIMEOUT: u8 = 40;
 /// Trip current, A, and periods until the trip: 2 ms.
 const TRIP: (f32, u16) = (6.0, 40);
 /// Wake-up time of the drivers, periods: 2 ms. No current is commanded meanwhile.
@@ -110,7 +110,7 @@ pub struct Parts {
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
 static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
 /// Cycle counter at the beginning of the tick's first period.
-static BEGAN: AtomicU32 = AtomicU32::new(0);
+static TICK_BEGAN: AtomicU32 = AtomicU32::new(0);
 
 /// Interface of the tick to the motors.
 pub struct Motors(());
@@ -169,7 +169,7 @@ struct Drive {
     current_loop: CurrentLoop,
     states: [current::State; 2],
     response: Response,
-    answers: [response::State; 2],
+    response_states: [response::State; 2],
     zeroing: [Zeroing; 2],
     zeros: [Option<f32>; 2],
     command: Command,
@@ -227,11 +227,11 @@ impl Drive {
             current_loop: config.current_loop().build()?,
             states: [current::State::default(); 2],
             response: config.response().build()?,
-            answers: [response::State::default(); 2],
+            response_states: [response::State::default(); 2],
             zeroing: [Zeroing::default(); 2],
             zeros: [None; 2],
             command: Command::default(),
-            command_age: PATIENCE,
+            command_age: COMMAND_TIMEOUT,
             awake: 0,
             asleep: 0,
             driven: false,
@@ -259,7 +259,7 @@ impl Drive {
         let supply_v = self.supply.read(supply);
         self.take_command();
         let currents = self.currents(counts);
-        self.judge(currents, supply_v);
+        self.check_trip_conditions(currents, supply_v);
 
         let on = self.command.on && self.fault.is_none() && self.zeros.iter().all(Option::is_some);
         self.switch(on, currents);
@@ -269,7 +269,7 @@ impl Drive {
             let ready = self.driven && self.awake >= WAKE_PERIODS;
             let (Some(current_a), true) = (currents[i], ready) else {
                 self.states[i] = current::State::default();
-                self.answers[i] = response::State::default();
+                self.response_states[i] = response::State::default();
                 continue;
             };
             let output = self.current_loop.step(
@@ -283,9 +283,9 @@ impl Drive {
                 },
             );
             let (voltage_v, speed_rad_s) = (output.duty * supply_v, self.command.speed_rad_s[i]);
-            let answer = &mut self.answers[i];
+            let response_state = &mut self.response_states[i];
             self.response
-                .step(answer, voltage_v, current_a, speed_rad_s);
+                .step(response_state, voltage_v, current_a, speed_rad_s);
             if output.valid {
                 pins[i] = bridge::pins(output.duty, TOP);
             } else {
@@ -307,7 +307,7 @@ impl Drive {
                     self.fault = None;
                 }
             }
-            None if self.command_age >= PATIENCE => self.command = Command::default(),
+            None if self.command_age >= COMMAND_TIMEOUT => self.command = Command::default(),
             None => self.command_age += 1,
         }
     }
@@ -331,7 +331,7 @@ impl Drive {
     }
 
     /// Checks the conditions that switch the motors off.
-    fn judge(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
+    fn check_trip_conditions(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
         let motor = |i: usize| protection::Motor {
             current_a: currents[i],
             zeroed: self.zeros[i].is_some(),
@@ -424,13 +424,16 @@ impl Drive {
             on: self.awake >= WAKE_PERIODS,
             ready: self.zeros.iter().all(Option::is_some),
             stopped: self.pwm.contact_open(),
-            unresponsive: self.answers.iter().any(response::State::unexplained),
+            unresponsive: self
+                .response_states
+                .iter()
+                .any(response::State::unexplained),
             longest_cycles: self.longest,
             fault: self.fault,
         };
         exchange::put_feedback(feedback);
         let phase = self.pwm.phase_us() as u32 * CYCLES_PER_US;
-        BEGAN.store(self.began.wrapping_sub(phase), Ordering::Relaxed);
+        TICK_BEGAN.store(self.began.wrapping_sub(phase), Ordering::Relaxed);
         interrupt::TIM7.pend();
     }
 }
@@ -454,7 +457,7 @@ fn ADC() {
 #[handler]
 fn TIM7() {
     let now = Instant::now().as_micros();
-    let since = DWT::cycle_count().wrapping_sub(BEGAN.load(Ordering::Relaxed));
+    let since = DWT::cycle_count().wrapping_sub(TICK_BEGAN.load(Ordering::Relaxed));
     TICK.signal(now.saturating_sub(u64::from(since / CYCLES_PER_US)));
 }
 

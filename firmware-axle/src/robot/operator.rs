@@ -1,7 +1,7 @@
 //! The user's button of the front board: stops a moving robot, clears a fault, or starts a drive.
 
 use core_algos::link::Order;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
 use core_algos::params::{self, Press};
@@ -18,13 +18,13 @@ pub struct Button {
     pin: Input<'static>,
     presses: Presses,
     /// Start of a drive to the button's own goal.
-    start: Place,
+    start: Placement,
     settings: params::Button,
 }
 
 impl Button {
     /// Button on its pin; a drive to the button's own goal begins at `start`.
-    pub fn new(pin: Peri<'static, PA0>, start: Place, settings: params::Button) -> Self {
+    pub fn new(pin: Peri<'static, PA0>, start: Placement, settings: params::Button) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
             presses: Presses::default(),
@@ -45,7 +45,7 @@ impl Button {
         let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());
         let placed = lead.fusion().is_some() && self.settings.action != Press::StartAndGoal;
         let begins = !placed && matches!(task, Some(Task::Regulate { .. }));
-        let place = begins.then_some(Order::Place(self.start));
+        let place = begins.then_some(Order::SetPose(self.start));
         for order in [place, task.map(Order::Task)].into_iter().flatten() {
             link.execute(order, lead);
         }

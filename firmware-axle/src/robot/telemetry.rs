@@ -6,10 +6,10 @@ use firmware_common::board;
 use firmware_common::clock::CORE_HZ;
 use firmware_common::timing::Every;
 
-use super::tick::Report;
+use super::tick::AxleReport;
 
 /// Source of the reports.
-pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
+pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, AxleReport, 1>;
 
 /// Logs for ever. The tick reports ten times a second.
 #[embassy_executor::task]

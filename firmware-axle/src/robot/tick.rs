@@ -9,7 +9,7 @@ use core_algos::drive::winding::{self, Winding};
 use core_algos::link::MotorState;
 use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
-use core_algos::node::tick_sync::Step;
+use core_algos::node::tick_sync::TickStep;
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
@@ -30,7 +30,7 @@ const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
-pub struct Report {
+pub struct AxleReport {
     /// Health of the tick.
     pub health: Health,
     /// Report of the motors.
@@ -100,7 +100,7 @@ impl BoardTick for AxleTick {
     type Hardware = Chip;
     type Input = ();
     type Samples = Sampled;
-    type Report = Report;
+    type LogReport = AxleReport;
 
     async fn wait(&mut self) -> Option<(Micros, ())> {
         Some((self.axle.motors.tick().await, ()))
@@ -155,7 +155,7 @@ impl BoardTick for AxleTick {
         }
     }
 
-    fn report(&mut self, sampled: &Sampled, health: Health, common: &mut Common) -> Report {
+    fn report(&mut self, sampled: &Sampled, health: Health, common: &mut Common) -> AxleReport {
         let feedback = sampled.feedback;
         let winding_c = self.windings.map(|winding| winding.temperature_c);
         let warmest = winding_c[0]
@@ -164,12 +164,12 @@ impl BoardTick for AxleTick {
         let board = self.axle.nodes.role();
         common.send(&health.message(board, feedback.supply_v, warmest));
         common.send_identity(board, &health);
-        Report {
+        AxleReport {
             health,
             feedback,
             winding_c,
             restarts: common.sync.restarts(),
-            inertial: self.axle.inertial.answers(),
+            inertial: self.axle.inertial.responds(),
         }
     }
 }
@@ -192,9 +192,9 @@ impl AxleTick {
         let step = common.sync.step(local);
         self.axle.motors.trim(common.sync.trim());
         let (now, begins) = match step {
-            Step::Wait => return None,
-            Step::Run(now) => (now, common.link.take_begin() && !self.driving && !on),
-            Step::Restart(now) => (now, true),
+            TickStep::Wait => return None,
+            TickStep::Run(now) => (now, common.link.take_begin() && !self.driving && !on),
+            TickStep::Restart(now) => (now, true),
         };
         if begins {
             // The restarted nodes do not know that they drove; `restarted` reports why the robot stopped.

@@ -7,10 +7,10 @@ use firmware_common::store::chip::Parameters;
 use firmware_common::timing::Every;
 use firmware_common::watchdog::Extension;
 
-use super::tick::{Report, Saving};
+use super::tick::{BeamReport, Saving};
 
 /// Source of the reports.
-pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
+pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, BeamReport, 1>;
 
 /// Runs for ever. The tick reports ten times a second.
 #[embassy_executor::task]

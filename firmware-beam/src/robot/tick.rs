@@ -11,7 +11,7 @@ use core_algos::node::Outbox;
 use core_algos::node::beam::{self, BeamNode};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::tick_sync::Step;
+use core_algos::node::tick_sync::TickStep;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
@@ -31,7 +31,7 @@ const SUPPLY_V: f32 = 3.3;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
-pub struct Report {
+pub struct BeamReport {
     /// Health of the tick.
     pub health: Health,
     /// Excitation over its nominal value.
@@ -105,7 +105,7 @@ impl BoardTick for BeamTick {
     type Hardware = Chip;
     type Input = Block;
     type Samples = Block;
-    type Report = Report;
+    type LogReport = BeamReport;
 
     async fn wait(&mut self) -> Option<(Micros, Block)> {
         let block = self.beam.bridges.read().await;
@@ -166,14 +166,14 @@ impl BoardTick for BeamTick {
         }
     }
 
-    fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {
+    fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> BeamReport {
         let temperature_c = self.beam.bridges.temperature();
         common.send_identity(ROLE, &health);
         let supply_v = block.excitation * SUPPLY_V;
         common.send(&health.message(ROLE, supply_v, temperature_c.unwrap_or(-128.0)));
         let latest = self.beam.node.latest();
         let gauges = latest.map_or(0, |latest| latest.used.count());
-        Report {
+        BeamReport {
             health,
             excitation: block.excitation,
             temperature_c,
@@ -204,7 +204,7 @@ impl BeamTick {
     fn run_node(&mut self, block: &Block, common: &mut Common) {
         let step = common.sync.step(block.local);
         self.beam.bridges.trim(common.sync.trim());
-        let (Step::Run(now) | Step::Restart(now)) = step else {
+        let (TickStep::Run(now) | TickStep::Restart(now)) = step else {
             return;
         };
         let conditions = core::mem::take(&mut self.found)

@@ -5,13 +5,13 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Largest size of a text file, bytes.
-const TEXT: u64 = 8 << 20;
+const MAX_TEXT_BYTES: u64 = 8 << 20;
 /// Largest size of a log, bytes.
-pub const LOG: u64 = 8 << 30;
+pub const MAX_LOG_BYTES: u64 = 8 << 30;
 /// Largest size of a board image, a flash image or a campaign block, bytes.
-pub const DATA: u64 = 256 << 20;
+pub const MAX_DATA_BYTES: u64 = 256 << 20;
 /// Largest size of a waypoint file, bytes.
-pub const WAYPOINTS: u64 = 32 << 20;
+pub const MAX_WAYPOINTS_BYTES: u64 = 32 << 20;
 
 /// Content of a file of at most `limit` bytes.
 pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
@@ -34,7 +34,7 @@ pub fn has_edges(path: &Path, mark: &[u8]) -> io::Result<[bool; 2]> {
 
 /// Content of a file in UTF-8, without a byte-order mark.
 pub fn text(path: &Path) -> io::Result<String> {
-    let text = String::from_utf8(read(path, TEXT)?).map_err(|error| {
+    let text = String::from_utf8(read(path, MAX_TEXT_BYTES)?).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         let what = format!("not UTF-8 from byte {valid} on");
         io::Error::new(ErrorKind::InvalidData, what)
@@ -97,19 +97,28 @@ mod tests {
     fn file_that_is_irregular_or_too_large_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("text");
-        let said = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
-        assert_eq!(bytes(&path, DATA).unwrap_err().kind(), ErrorKind::NotFound);
+        let error_text = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
+        assert_eq!(
+            bytes(&path, MAX_DATA_BYTES).unwrap_err().kind(),
+            ErrorKind::NotFound
+        );
         for other in [folder.path(), Path::new("/dev/zero")] {
-            assert_eq!(said(bytes(other, DATA)), "must be a regular file");
+            assert_eq!(
+                error_text(bytes(other, MAX_DATA_BYTES)),
+                "must be a regular file"
+            );
         }
         fs::write(&path, "\u{feff}1234").unwrap();
         assert_eq!(text(&path).unwrap(), "1234");
         assert_eq!(read(&path, 7).unwrap().len(), 7);
-        assert_eq!(said(read(&path, 6)), "7 bytes: must be at most 6 bytes");
+        assert_eq!(
+            error_text(read(&path, 6)),
+            "7 bytes: must be at most 6 bytes"
+        );
         // Sparse file: refused by its size, without reading the content.
         let large = fs::File::create(folder.path().join("large")).unwrap();
         large.set_len(3 << 30).unwrap();
-        let refused = said(bytes(&folder.path().join("large"), WAYPOINTS));
+        let refused = error_text(bytes(&folder.path().join("large"), MAX_WAYPOINTS_BYTES));
         assert_eq!(refused, "3072.0 MiB: must be at most 32.0 MiB");
         fs::write(&path, b"ab\xff").unwrap();
         let error = text(&path).unwrap_err().to_string();

@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 /// Least similarity of a suggested name, 0 to 1.
-const ALIKE: f64 = 0.75;
+const MIN_SIMILARITY: f64 = 0.75;
 
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
@@ -14,12 +14,12 @@ const LONGEST: usize = 100;
 pub const UNKNOWN: &str = ": unknown key";
 
 /// Beginning of a suggestion.
-const MEANT: &str = "did you mean ";
+const DID_YOU_MEAN: &str = "did you mean ";
 
 /// Known name most similar to `word`; `None` if no other name is similar enough.
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let pairs = known.into_iter().map(|name| (likeness(word, name), name));
-    let alike = pairs.filter(|(like, _)| (ALIKE..1.0).contains(like));
+    let pairs = known.into_iter().map(|name| (similarity(word, name), name));
+    let alike = pairs.filter(|(like, _)| (MIN_SIMILARITY..1.0).contains(like));
     alike
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, name)| name)
@@ -27,7 +27,7 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 
 /// Similarity of two words, 0 to 1. The run time grows with the product of the lengths, so a word longer than
 /// [`LONGEST`] has similarity 0.
-fn likeness(word: &str, name: &str) -> f64 {
+fn similarity(word: &str, name: &str) -> f64 {
     match word.len() <= LONGEST {
         true => strsim::normalized_damerau_levenshtein(word, name),
         false => 0.0,
@@ -36,8 +36,8 @@ fn likeness(word: &str, name: &str) -> f64 {
 
 /// `; did you mean NAME?` if a known name is similar to `word`, else an empty text.
 pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let meant = nearest(word, known);
-    meant.map_or_else(String::new, |name| format!("; {MEANT}{name}?"))
+    let suggestion = nearest(word, known);
+    suggestion.map_or_else(String::new, |name| format!("; {DID_YOU_MEAN}{name}?"))
 }
 
 /// Replaces the list of expected keys in a TOML error by a suggestion, if one resembles the unknown key.
@@ -50,7 +50,7 @@ pub fn with_sibling(text: String) -> String {
     };
     // The error lists the expected keys after the unknown key, each in backticks.
     match nearest(key, known.split('`').skip(1).step_by(2)) {
-        Some(name) => format!("{before}unknown field `{key}`\n{MEANT}{name}?\n"),
+        Some(name) => format!("{before}unknown field `{key}`\n{DID_YOU_MEAN}{name}?\n"),
         None => text,
     }
 }
@@ -59,7 +59,7 @@ pub fn with_sibling(text: String) -> String {
 /// `defaults` holds all keys.
 pub fn unknown_key(key: &str, defaults: &Table) -> String {
     if let Some(path) = closest(key, defaults) {
-        return format!("; {MEANT}{path}?");
+        return format!("; {DID_YOU_MEAN}{path}?");
     }
     let near = nearest_keys(key, defaults);
     match near.is_empty() {
@@ -126,10 +126,10 @@ fn closest(key: &str, defaults: &Table) -> Option<String> {
     let mut all = Vec::new();
     paths("", defaults, true, &mut all);
     let scored = all.into_iter().map(|path| {
-        let like = likeness(&last(key), &last(&path));
-        (like + 1e-3 * likeness(key, &path), path)
+        let like = similarity(&last(key), &last(&path));
+        (like + 1e-3 * similarity(key, &path), path)
     });
-    let alike = scored.filter(|(like, _)| *like >= ALIKE);
+    let alike = scored.filter(|(like, _)| *like >= MIN_SIMILARITY);
     alike
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, path)| path)
@@ -156,13 +156,13 @@ fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
     for path in all {
         let known = words(&path);
         let best = |word: &String| {
-            let like = known.iter().map(|other| likeness(word, other));
+            let like = known.iter().map(|other| similarity(word, other));
             like.fold(0.0, f64::max)
         };
         let shared: f64 = words(rest)
             .iter()
             .map(best)
-            .filter(|like| *like >= ALIKE)
+            .filter(|like| *like >= MIN_SIMILARITY)
             .sum();
         if shared > 0.0 {
             let same_table = f64::from(u8::from(known.first().is_some_and(|first| first == table)));
@@ -211,11 +211,17 @@ mod tests {
 
     #[test]
     fn unknown_key_gets_similar_or_nearest_keys_as_suggestion() {
-        let meant = |key| unknown_key(key, &defaults());
-        assert_eq!(meant("plant.frictoin"), "; did you mean plant.friction?");
-        assert_eq!(meant("los"), "; did you mean bus.loss?");
-        assert_eq!(meant("plant.axle.mass"), "; nearest keys: plant.mass_kg");
-        assert_eq!(meant("plant.gravity"), "");
+        let suggestion = |key| unknown_key(key, &defaults());
+        assert_eq!(
+            suggestion("plant.frictoin"),
+            "; did you mean plant.friction?"
+        );
+        assert_eq!(suggestion("los"), "; did you mean bus.loss?");
+        assert_eq!(
+            suggestion("plant.axle.mass"),
+            "; nearest keys: plant.mass_kg"
+        );
+        assert_eq!(suggestion("plant.gravity"), "");
         let text = advice("scenario: plant.gravity: unknown key");
         assert!(
             !text.contains("mean") && text.contains("cfmmr keys"),

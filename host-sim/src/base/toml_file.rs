@@ -56,10 +56,10 @@ where
     let given = toml::from_str(text);
     let mut given: Table = given.map_err(|error| refusal(name, text, &error))?;
     check_tyre(&given, name)?;
-    lay_over(&mut given, self::changes(changes)?);
+    merge_config(&mut given, self::changes(changes)?);
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
     let written = given.clone();
-    lay_over(&mut table, given);
+    merge_config(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         // With changes, the refused value may come from the command line: no line of the text is named.
         let line = match changes {
@@ -71,9 +71,9 @@ where
         match message.starts_with("unknown field") {
             true => {
                 let key = whole_key(path, &written);
-                let meant = known_keys(below).map(|known| spelling::unknown_key(&key, &known));
-                let meant = meant.unwrap_or_default();
-                Error::input(format!("{name}: {line}{key}{UNKNOWN}{meant}"))
+                let suggestion = known_keys(below).map(|known| spelling::unknown_key(&key, &known));
+                let suggestion = suggestion.unwrap_or_default();
+                Error::input(format!("{name}: {line}{key}{UNKNOWN}{suggestion}"))
             }
             false => shown(spelling::in_plain_words(&format!(
                 "{name}: {line}{path}: {message}"
@@ -228,14 +228,14 @@ fn not_finite(value: &Value) -> Option<(String, f64)> {
 }
 
 /// Merges `given` into `table`, table by table. A given tyre law removes another law from `table`.
-pub fn lay_over(table: &mut Table, given: Table) {
+pub fn merge_config(table: &mut Table, given: Table) {
     for (key, value) in given {
         match (table.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => {
                 if key == TYRE && !above.is_empty() {
                     below.retain(|other, _| above.contains_key(other));
                 }
-                lay_over(below, above);
+                merge_config(below, above);
             }
             (_, value) => {
                 table.insert(key, value);
@@ -273,26 +273,26 @@ fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
         )));
     }
     let last = keys.pop().unwrap_or_default();
-    let mut place = table;
+    let mut target = table;
     for part in keys {
-        place = place
+        target = target
             .entry(part)
             .or_insert_with(|| Value::Table(Table::new()))
             .as_table_mut()
             .ok_or_else(|| Error::input(format!("--set {change}: {part} is not a table")))?;
     }
-    match (place.get_mut(last), value) {
-        (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
-        (_, value) => _ = place.insert(last.to_owned(), value),
+    match (target.get_mut(last), value) {
+        (Some(Value::Table(below)), Value::Table(above)) => merge_tables(below, above),
+        (_, value) => _ = target.insert(last.to_owned(), value),
     }
     Ok(())
 }
 
-/// Merges `above` into `table`, table by table; tyre laws are not special here, unlike in [`lay_over`].
-fn merge(table: &mut Table, above: Table) {
+/// Merges `above` into `table`, table by table; tyre laws are not special here, unlike in [`merge_config`].
+fn merge_tables(table: &mut Table, above: Table) {
     for (key, value) in above {
         match (table.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (Some(Value::Table(below)), Value::Table(above)) => merge_tables(below, above),
             (_, value) => _ = table.insert(key, value),
         }
     }

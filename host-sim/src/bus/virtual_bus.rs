@@ -114,7 +114,7 @@ impl VirtualBus {
         let origin = sender(self.topology, frame);
         let mut received = [false; MAX_BOARDS];
         for (received, board) in received.iter_mut().zip(self.topology.boards()) {
-            let lost = Some(board) != origin && self.drawn(self.config.loss);
+            let lost = Some(board) != origin && self.happens(self.config.loss);
             self.statistics.lost += u64::from(lost);
             *received = !lost;
         }
@@ -127,19 +127,19 @@ impl VirtualBus {
         let config = &self.config;
         let uneven = config.jitter_ms > 0 || config.late_ms.iter().any(|&late| late > 0);
         match uneven || config.doubling > 0.0 || config.corruption > 0.0 {
-            true => self.carry(transit, origin),
+            true => self.queue_disturbed(transit, origin),
             false => self.queue(transit),
         }
         Some(*frame)
     }
 
     /// True with this probability.
-    fn drawn(&mut self, share: f64) -> bool {
+    fn happens(&mut self, share: f64) -> bool {
         share > 0.0 && self.rng.random::<f64>() < share
     }
 
     /// Sends a frame over a bus with additional latency, jitter, corruption or doubling.
-    fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
+    fn queue_disturbed(&mut self, mut transit: Transit, origin: Option<Role>) {
         // Messages within the sending board are undisturbed.
         let mut own = transit;
         for (place, board) in self.topology.boards().enumerate() {
@@ -154,7 +154,7 @@ impl VirtualBus {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }
         transit.due += Micros::from(late) * 1_000;
-        if self.drawn(self.config.corruption) {
+        if self.happens(self.config.corruption) {
             let bits = 8 * usize::from(transit.frame.length.max(1));
             for _ in 0..self.rng.random_range(1..=3) {
                 let bit = self.rng.random_range(0..bits);
@@ -166,7 +166,7 @@ impl VirtualBus {
             };
             transit.message = message;
         }
-        if self.drawn(self.config.doubling) {
+        if self.happens(self.config.doubling) {
             self.queue(transit);
         }
         self.queue(transit);
@@ -181,7 +181,7 @@ impl VirtualBus {
     }
 
     /// Replaces the properties of the bus.
-    pub fn turn_into(&mut self, config: &BusConfig) {
+    pub fn set_config(&mut self, config: &BusConfig) {
         self.config.clone_from(config);
     }
 
@@ -298,11 +298,11 @@ mod tests {
             bus.send(0, &posture);
         }
         let mut at = |time| {
-            let mut seen = Vec::new();
+            let mut delivered = Vec::new();
             bus.deliver(time, |board, frame, _| {
-                seen.push((sender(robot, frame).unwrap(), board));
+                delivered.push((sender(robot, frame).unwrap(), board));
             });
-            seen
+            delivered
         };
         // A board receives its own frames first.
         let others = |from: Role| robot.boards().filter(move |board| *board != from);
@@ -330,18 +330,21 @@ mod tests {
             steering_rad: 0.0,
             velocity_m_s: 0.0,
         });
-        let mut seen = [0; 6];
+        let mut delivered = [0; 6];
         for number in 0..400 {
             let sent = number * 10_000;
             bus.send_frame(sent, identity.as_ref().unwrap());
             for ms in 0..6 {
                 bus.deliver(sent + ms * 1_000, |board, _, _| {
-                    seen[ms as usize] += u32::from(board == Role::axle(1));
+                    delivered[ms as usize] += u32::from(board == Role::axle(1));
                 });
             }
         }
-        assert_eq!((seen[0], seen[5]), (0, 0));
-        assert!(seen[1..5].iter().all(|&count| count > 70), "{seen:?}");
+        assert_eq!((delivered[0], delivered[5]), (0, 0));
+        assert!(
+            delivered[1..5].iter().all(|&count| count > 70),
+            "{delivered:?}"
+        );
     }
 
     #[test]
@@ -353,15 +356,15 @@ mod tests {
         let mut bus = VirtualBus::new(Topology::PAIR, &config, 1);
         bus.send(0, &status(1));
         bus.send(0, &status(2));
-        let mut seen = Vec::new();
+        let mut delivered = Vec::new();
         bus.deliver(2_000, |_, _, _| unreachable!("too early"));
         bus.deliver(3_000, |board, frame, message| {
             assert_eq!(bus::decode(frame), Ok(*message));
-            seen.push((board, *message));
+            delivered.push((board, *message));
         });
-        assert_eq!(seen.len(), 6);
-        assert_eq!(seen[0], (Role::LEAD, status(1)));
-        assert_eq!(seen[5], (Role::beam(0), status(2)));
+        assert_eq!(delivered.len(), 6);
+        assert_eq!(delivered[0], (Role::LEAD, status(1)));
+        assert_eq!(delivered[5], (Role::beam(0), status(2)));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Paths: built-in shapes, sampled at equal steps of arc length.
 
-use super::limits::{Bounds, PathError, Place, positive};
+use super::limits::{Bounds, PathError, PathPosition, positive};
 use super::{MAX_LENGTH_M, SPACING_M};
 use core_algos::control::path::PathPoint;
 use core_algos::math::Posture;
@@ -232,14 +232,14 @@ impl Path {
         self.samples.iter().map(|at| at.to_point()).collect()
     }
 
-    fn place(&self, at: &Sample) -> Place {
+    fn position_of(&self, at: &Sample) -> PathPosition {
         let waypoint = self
             .waypoints
             .iter()
             .enumerate()
             .min_by(|(_, a), (_, b)| (a.0 - at.s).abs().total_cmp(&(b.0 - at.s).abs()))
             .map(|(i, (_, line))| (i + 1, *line));
-        Place {
+        PathPosition {
             s: at.s,
             x: at.x,
             y: at.y,
@@ -259,7 +259,7 @@ impl Path {
             && !(at.kappa.abs() <= bound * (1.0 + 1e-9))
         {
             return Err(PathError::Curvature {
-                place: self.place(at),
+                place: self.position_of(at),
                 value: at.kappa,
                 bound,
             });
@@ -275,7 +275,7 @@ impl Path {
         }
         match worst {
             (value, Some(at)) if !(value <= bound) => Err(PathError::SteeringRate {
-                place: self.place(at),
+                place: self.position_of(at),
                 value,
                 bound,
             }),
@@ -335,8 +335,8 @@ impl Path {
                 break;
             }
             let (dx, dy) = (b.x - a.x, b.y - a.y);
-            let along = dx * (x - a.x) + dy * (y - a.y);
-            let u = (along / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
+            let projection = dx * (x - a.x) + dy * (y - a.y);
+            let u = (projection / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
             let gap = libm::hypot(x - a.x - u * dx, y - a.y - u * dy);
             if gap < least {
                 (best, least) = (a.s + u * (b.s - a.s), gap);

@@ -6,7 +6,7 @@ use std::fmt;
 
 /// Place on a path, named in errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct PathPosition {
     /// Arc length, m.
     pub s: f64,
     /// Position, m.
@@ -17,7 +17,7 @@ pub struct Place {
     pub waypoint: Option<(usize, Option<u64>)>,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for PathPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -67,7 +67,7 @@ pub enum PathError {
     /// Curvature beyond the limit of the frame.
     Curvature {
         /// Place.
-        place: Place,
+        place: PathPosition,
         /// Curvature there, 1/m.
         value: f64,
         /// Limit, 1/m.
@@ -76,7 +76,7 @@ pub enum PathError {
     /// Change of curvature beyond the steering rate of the frame, even at the least speed.
     SteeringRate {
         /// Place.
-        place: Place,
+        place: PathPosition,
         /// |dψ/ds| there, rad/m.
         value: f64,
         /// Limit, rad/m.
@@ -92,7 +92,7 @@ pub enum StartFault {
     /// Distance of the robot from the start, and the largest allowed distance, m.
     Distance(f64, f64),
     /// Length of the path behind the robot, and the largest allowed length, m.
-    Along(f64, f64),
+    Passed(f64, f64),
     /// Heading of the robot minus heading of the path, rad.
     Turn(f64),
 }
@@ -110,7 +110,7 @@ impl fmt::Display for PathError {
                 "begins {distance:.2} m from the robot: must be at most {most:.2} m \
                  (robot.lead.course.max_deviation_m)"
             ),
-            Self::Start(StartFault::Along(s, most)) => write!(
+            Self::Start(StartFault::Passed(s, most)) => write!(
                 f,
                 "the robot has {s:.2} m of the path behind it: must be at most {most:.2} m"
             ),

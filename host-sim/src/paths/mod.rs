@@ -16,9 +16,9 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 pub use curve::{Path, Sample};
-pub use limits::{Bounds, PathError, Place, StartFault};
+pub use limits::{Bounds, PathError, PathPosition, StartFault};
 pub use spline::{Waypoint, waypoints};
-pub use trajectory::{TimeLimits, Timed, Trajectory};
+pub use trajectory::{TimeLimits, TimedSample, Trajectory};
 
 /// Distance between samples, m.
 pub const SPACING_M: f64 = 0.01;
@@ -44,7 +44,7 @@ pub fn named(name: &str, (called, size): (&str, Option<f64>)) -> Result<Path, Er
             )));
         }
         file => {
-            let bytes = input::bytes(file.as_ref(), input::WAYPOINTS).map_err(|error| {
+            let bytes = input::bytes(file.as_ref(), input::MAX_WAYPOINTS_BYTES).map_err(|error| {
                 let hint = spelling::hint(file, NAMES);
                 Error::input(format!(
                     "{error}: must be line, circle, figure-eight, or a CSV file with the columns x,y in metres{hint}"

@@ -209,7 +209,7 @@ fn trajectory_keeps_its_limits_and_has_consistent_derivatives() {
         Path::figure_eight(1.0).unwrap().unrolled(2),
         line_of(&[(0.0, 0.0), (1.0, 0.1), (1.8, 0.9), (3.0, 1.0)]).unwrap(),
     ] {
-        let trajectory = Trajectory::along(
+        let trajectory = Trajectory::fastest(
             &path,
             &bounds,
             &TimeLimits {

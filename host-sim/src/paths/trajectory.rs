@@ -41,7 +41,7 @@ impl Default for TimeLimits {
 
 /// A point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Timed {
+pub struct TimedSample {
     /// Time, s.
     pub t: f64,
     /// Speed, m/s.
@@ -55,14 +55,14 @@ pub struct Timed {
 /// A path with a time law, from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
-    points: Vec<Timed>,
+    points: Vec<TimedSample>,
 }
 
 impl Trajectory {
     /// The fastest time law along an open path (see [`Path::unrolled`]) that keeps the limits,
     /// averaged over [`TimeLimits::smoothing_s`]. If the path starts with curvature, the trajectory
     /// first waits until the frame is bent.
-    pub fn along(path: &Path, bounds: &Bounds, limits: &TimeLimits) -> Result<Self, PathError> {
+    pub fn fastest(path: &Path, bounds: &Bounds, limits: &TimeLimits) -> Result<Self, PathError> {
         for (name, value) in [
             ("max_speed_m_s", limits.max_speed_m_s),
             ("max_acceleration_m_s2", limits.max_acceleration_m_s2),
@@ -131,7 +131,7 @@ impl Trajectory {
             .map(|i| {
                 let t = (i as f64 * limits.interval_s).min(duration);
                 let (late, early) = (law.at(t - rest), law.at(t - rest - window));
-                Timed {
+                TimedSample {
                     t: i as f64 * limits.interval_s,
                     v: (late.s - early.s) / window,
                     a: (late.v - early.v) / window,
@@ -143,7 +143,7 @@ impl Trajectory {
     }
 
     /// Points at equal steps of time.
-    pub fn points(&self) -> &[Timed] {
+    pub fn points(&self) -> &[TimedSample] {
         &self.points
     }
 
@@ -186,7 +186,7 @@ impl Trajectory {
 
 /// Speed, distance and integral of distance at one time of a motion with piecewise constant acceleration.
 #[derive(Clone, Copy)]
-struct Moving {
+struct MotionState {
     v: f64,
     s: f64,
     integral: f64,
@@ -194,8 +194,8 @@ struct Moving {
 
 struct TimeLaw {
     /// Start of each piece: time, state, acceleration.
-    pieces: Vec<(f64, Moving, f64)>,
-    end: (f64, Moving),
+    pieces: Vec<(f64, MotionState, f64)>,
+    end: (f64, MotionState),
 }
 
 impl TimeLaw {
@@ -206,7 +206,7 @@ impl TimeLaw {
         for (i, pair) in speed.windows(2).enumerate() {
             let span = 2.0 * step / (pair[0] + pair[1]).max(1e-9);
             let a = (pair[1] - pair[0]) / span;
-            let start = Moving {
+            let start = MotionState {
                 v: pair[0],
                 s: samples[i].s,
                 integral,
@@ -215,7 +215,7 @@ impl TimeLaw {
             integral += span * (start.s + span * (start.v / 2.0 + span * a / 6.0));
             t += span;
         }
-        let end = Moving {
+        let end = MotionState {
             v: 0.0,
             s: samples.last().map_or(0.0, |last| last.s),
             integral,
@@ -230,9 +230,9 @@ impl TimeLaw {
         self.end.0
     }
 
-    fn at(&self, t: f64) -> Moving {
+    fn at(&self, t: f64) -> MotionState {
         if t <= 0.0 {
-            return Moving {
+            return MotionState {
                 v: 0.0,
                 s: 0.0,
                 integral: 0.0,
@@ -240,7 +240,7 @@ impl TimeLaw {
         }
         let (last, end) = self.end;
         if t >= last {
-            return Moving {
+            return MotionState {
                 integral: end.integral + end.s * (t - last),
                 ..end
             };
@@ -248,7 +248,7 @@ impl TimeLaw {
         let i = self.pieces.partition_point(|piece| piece.0 <= t).max(1) - 1;
         let (start, from, a) = self.pieces[i];
         let u = t - start;
-        Moving {
+        MotionState {
             v: from.v + a * u,
             s: from.s + u * (from.v + 0.5 * a * u),
             integral: from.integral + u * (from.s + u * (from.v / 2.0 + u * a / 6.0)),

@@ -171,8 +171,8 @@ pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, St
 
 /// All bits of an output, with the bits of NaN.
 fn bits(output: &lead::Output) -> Vec<u8> {
-    let mut room = [0; 1024];
-    match postcard::to_slice(output, &mut room) {
+    let mut buffer = [0; 1024];
+    match postcard::to_slice(output, &mut buffer) {
         Ok(used) => used.to_vec(),
         Err(_) => format!("{output:?}").into_bytes(),
     }

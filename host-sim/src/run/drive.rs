@@ -20,13 +20,13 @@ pub enum Progress {
 }
 
 /// Time after the start of a task from which a failure reported by the lead node belongs to that task, µs.
-const FRESH: Micros = 5 * EPOCH;
+const FAILURE_VALID_AFTER_US: Micros = 5 * EPOCH;
 
 /// Time at rest after which all notices of the end have arrived, µs.
-const CONFIRMED: Micros = 10 * EPOCH;
+const NOTICE_DELAY_US: Micros = 10 * EPOCH;
 
 /// Task that the host gives and observes.
-pub trait Errand<R: Robot> {
+pub trait DriveTask<R: Robot> {
     /// Task that the lead node gets once the robot has settled. `None` keeps the lead node's present task.
     fn task(&self) -> Option<Task>;
 
@@ -55,27 +55,28 @@ pub fn drive<R: Robot>(
     robot: &mut R,
     scenario: &Scenario,
     limit_s: f64,
-    errand: &mut impl Errand<R>,
+    drive_task: &mut impl DriveTask<R>,
 ) -> Result<RunEnd, Error> {
     let micros = |seconds: f64| (seconds * 1e6) as Micros;
     let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
     // A robot past its settling time gets the task at the next epoch.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
-    let rest = micros(scenario.mission.rest_s).max(CONFIRMED);
+    let rest = micros(scenario.mission.rest_s).max(NOTICE_DELAY_US);
     robot.monitor_mut().begin_task();
-    // Failures end the run only if the run loop gave the task. An errand handles the failures of tasks that it gives.
-    let given = errand.task().is_some();
+    // Failures end the run only if the run loop gave the task. A drive task handles the failures of tasks that it
+    // gives.
+    let given = drive_task.task().is_some();
     let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);
     let mut cause = None;
     // A task that is done at the time limit runs on until the notices of its end have arrived.
-    while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + CONFIRMED) {
+    while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + NOTICE_DELAY_US) {
         let now = robot.now();
         if now.is_multiple_of(EPOCH) {
-            errand.feed(robot)?;
+            drive_task.feed(robot)?;
         }
         if now == settle
-            && let Some(task) = errand.task()
+            && let Some(task) = drive_task.task()
         {
             robot.command(&HostCommand::Task(task))?;
         }
@@ -89,7 +90,7 @@ pub fn drive<R: Robot>(
             }
             stepped => stepped?,
         }
-        if now >= settle && errand.tick(robot) == Progress::Over {
+        if now >= settle && drive_task.tick(robot) == Progress::Over {
             break;
         }
         if !robot.now().is_multiple_of(EPOCH) {
@@ -97,7 +98,7 @@ pub fn drive<R: Robot>(
         }
         let record = robot.record();
         let since = began.map(|began| robot.now() - began);
-        match errand.epoch(robot, &record, since) {
+        match drive_task.epoch(robot, &record, since) {
             Progress::Driving => done_at = None,
             Progress::Over => {
                 cause = Some(Cause::Done);
@@ -105,13 +106,13 @@ pub fn drive<R: Robot>(
             }
             Progress::Done => {
                 let since = *done_at.get_or_insert(robot.now() - TICK);
-                if now - since >= rest && robot.watched_enough() {
+                if now - since >= rest && robot.may_end() {
                     break;
                 }
             }
         }
-        let failed = given && record.lead.failed.is_some() && since >= Some(FRESH);
-        if failed || errand.must_end(robot) {
+        let failed = given && record.lead.failed.is_some() && since >= Some(FAILURE_VALID_AFTER_US);
+        if failed || drive_task.must_end(robot) {
             break;
         }
     }

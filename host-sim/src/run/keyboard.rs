@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time without a key after which a robot driven by hand stops.
-const HANDS_OFF: Duration = Duration::from_secs(5);
+const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Least and largest speed of a simulation, times real time.
 const RATES: (f64, f64) = (0.125, 16.0);
 /// Key presses from rest to the largest speed, and from straight to the largest curvature.
@@ -179,7 +179,7 @@ impl Keyboard {
     /// Command of the drive by hand. Its speed becomes 0 after five seconds without a key.
     pub fn hand(&self) -> Hand {
         let mut keys = self.keys();
-        if keys.pressed.elapsed() > HANDS_OFF && keys.hand.speed_m_s != 0.0 {
+        if keys.pressed.elapsed() > IDLE_TIMEOUT && keys.hand.speed_m_s != 0.0 {
             keys.hand.speed_m_s = 0.0;
             keys.idled = true;
         }
@@ -188,7 +188,7 @@ impl Keyboard {
 
     /// Notice that the robot stopped because no key was pressed; `None` if it did not.
     pub fn idle_stop(&self) -> Option<String> {
-        let seconds = HANDS_OFF.as_secs();
+        let seconds = IDLE_TIMEOUT.as_secs();
         let text =
             || format!("no key for {seconds} s, so the robot stopped: press a key to drive on");
         self.keys().idled.then(text)
@@ -234,7 +234,7 @@ mod tests {
     fn idle_driver_stops_a_moving_robot_until_the_next_key() {
         let keyboard = Keyboard::of_driver([0.4, 2.0]);
         let idle = || {
-            keyboard.keys().pressed -= HANDS_OFF + Duration::from_millis(1);
+            keyboard.keys().pressed -= IDLE_TIMEOUT + Duration::from_millis(1);
             (keyboard.hand().speed_m_s, keyboard.idle_stop().is_some())
         };
         assert_eq!(idle(), (0.0, false), "at rest anyway");

@@ -5,7 +5,7 @@ use crate::base::statistics::square;
 use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, StartFault, TimeLimits, Trajectory,
 };
-use crate::run::drive::{Errand, Progress, drive};
+use crate::run::drive::{DriveTask, Progress, drive};
 use crate::run::end::RunEnd;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
@@ -20,11 +20,11 @@ use serde::Serialize;
 /// epoch, less than the distance between the branches of a crossing.
 const WINDOW_M: f64 = 0.1;
 /// Time limit of a run: factor on the expected duration, and additional time, s.
-const PATIENCE: (f64, f64) = (2.0, 30.0);
+const LIMIT_FACTOR_AND_EXTRA_S: (f64, f64) = (2.0, 30.0);
 /// Share of the largest deviation allowed at a planned start; the rest is left for the placement error.
 const START_SHARE: f64 = 0.8;
 /// Largest length of the path behind the robot at the start, m.
-const ALONG_M: f64 = 0.2;
+const MAX_PASSED_M: f64 = 0.2;
 /// Largest heading error of the robot against the path at the start, rad: paths are driven forward.
 const TURN_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Share of the robot's speed limit that a trajectory may use; the rest is left for catching up.
@@ -68,31 +68,31 @@ pub fn bounds(scenario: &Scenario) -> Bounds {
 
 impl Route {
     /// Deviations of the true and of the estimated midpoint, `since` µs after the beginning of the task. The estimate
-    /// is `age` µs old. `places` holds the arc lengths of both midpoints, m, and is updated.
+    /// is `age` µs old. `arc_lengths` holds the arc lengths of both midpoints, m, and is updated.
     fn deviations(
         &self,
         path_mode: PathMode,
         record: &Record,
         (since, age): (Micros, Micros),
-        places: &mut [f64; 2],
+        arc_lengths: &mut [f64; 2],
     ) -> [Deviation; 2] {
         let center = record.lead.fused.robot.posture;
         let estimate = [center.x, center.y, center.phi].map(f64::from);
         let ages = [0, age];
         let mut deviations = [Deviation::default(); 2];
         for (i, [x, y, phi]) in [record.midpoint, estimate].into_iter().enumerate() {
-            places[i] = match path_mode {
-                PathMode::Follow => self.path.nearest(x, y, places[i], WINDOW_M),
+            arc_lengths[i] = match path_mode {
+                PathMode::Follow => self.path.nearest(x, y, arc_lengths[i], WINDOW_M),
                 PathMode::Track => {
                     let time = since.saturating_sub(ages[i]) as f64 * 1e-6;
                     self.trajectory.arc_length(time)
                 }
             };
-            deviations[i] = Deviation::of([x, y, phi], &self.path.at(places[i]));
+            deviations[i] = Deviation::of([x, y, phi], &self.path.at(arc_lengths[i]));
         }
         if record.midpoint[0].is_nan() {
             // Without a true posture the estimated arc length replaces the true arc length.
-            places[0] = places[1];
+            arc_lengths[0] = arc_lengths[1];
         }
         deviations
     }
@@ -110,7 +110,7 @@ impl Route {
         let limits = scenario.robot.completed().lead.course.path;
         let timed = TIMED_SHARE * f64::from(scenario.robot.limits.max_speed_m_s);
         let speed = f64::from(limits.max_speed_m_s).min(timed);
-        let trajectory = Trajectory::along(
+        let trajectory = Trajectory::fastest(
             &path,
             &bounds,
             &TimeLimits {
@@ -148,13 +148,13 @@ impl Route {
     /// along the path, or turned away from the path.
     pub fn check_start(&self, at: [f64; 3], most: f64) -> Result<(), PathError> {
         let [x, y, _] = at;
-        let s = self.path.nearest(x, y, 0.0, most.max(ALONG_M));
+        let s = self.path.nearest(x, y, 0.0, most.max(MAX_PASSED_M));
         let off = Deviation::of(at, &self.path.at(0.0));
         let (distance, turn) = (off.distance_m, off.heading_rad);
         let refuse = |what: StartFault| Err(PathError::Start(what));
         match () {
             () if distance > most => refuse(StartFault::Distance(distance, most)),
-            () if s > ALONG_M => refuse(StartFault::Along(s, ALONG_M)),
+            () if s > MAX_PASSED_M => refuse(StartFault::Passed(s, MAX_PASSED_M)),
             () if turn.abs() > TURN_RAD => refuse(StartFault::Turn(turn)),
             () => Ok(()),
         }
@@ -172,7 +172,7 @@ impl Route {
 
     /// Longest time of a run, s.
     pub fn limit_s(&self) -> f64 {
-        PATIENCE.0 * self.trajectory.duration() + PATIENCE.1
+        LIMIT_FACTOR_AND_EXTRA_S.0 * self.trajectory.duration() + LIMIT_FACTOR_AND_EXTRA_S.1
     }
 
     fn end(&self) -> Sample {
@@ -211,7 +211,7 @@ impl Deviation {
 
 /// One epoch of a run.
 #[derive(Clone, Debug, Default)]
-pub struct Moment {
+pub struct PathEpoch {
     /// State of the robot.
     pub record: Record,
     /// Reference of O: the point of the path beside the true O, or the point of the trajectory.
@@ -302,14 +302,14 @@ struct Drive<'a, F> {
     observe: F,
     stream: Stream,
     /// Arc lengths of the true and of the estimated midpoint, m.
-    places: [f64; 2],
+    arc_lengths: [f64; 2],
     sums: [Sums; 2],
-    moment: Moment,
+    latest: PathEpoch,
     max_curvature: f64,
     done: bool,
 }
 
-impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
+impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
     fn task(&self) -> Option<Task> {
         let within = self.within;
         Some(match self.path_mode {
@@ -327,19 +327,19 @@ impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
             return Progress::Driving;
         };
         let times = (since, robot.estimate_age());
-        let deviations = self
-            .route
-            .deviations(self.path_mode, record, times, &mut self.places);
+        let deviations =
+            self.route
+                .deviations(self.path_mode, record, times, &mut self.arc_lengths);
         let [x, y, heading] = record.frames[0].relative;
-        self.moment = Moment {
-            target: self.route.path.at(self.places[0]),
+        self.latest = PathEpoch {
+            target: self.route.path.at(self.arc_lengths[0]),
             truth: deviations[0],
             estimate: deviations[1],
             curvature: 2.0 * libm::tan(0.5 * heading) / libm::hypot(x, y),
             record: record.clone(),
         };
-        self.max_curvature = self.max_curvature.max(self.moment.curvature.abs());
-        (self.observe)(&self.moment);
+        self.max_curvature = self.max_curvature.max(self.latest.curvature.abs());
+        (self.observe)(&self.latest);
         if !self.done {
             for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
                 sum.add(deviation);
@@ -360,7 +360,7 @@ pub fn drive_on(
     scenario: &Scenario,
     route: &Route,
     path_mode: PathMode,
-    observe: impl FnMut(&Moment),
+    observe: impl FnMut(&PathEpoch),
 ) -> Result<Outcome, Error> {
     let mut run = Drive {
         route,
@@ -368,15 +368,15 @@ pub fn drive_on(
         within: scenario.mission.within(),
         observe,
         stream: Stream::new(route, path_mode),
-        places: [0.0; 2],
+        arc_lengths: [0.0; 2],
         sums: [Sums::default(); 2],
-        moment: Moment::default(),
+        latest: PathEpoch::default(),
         max_curvature: 0.0,
         done: false,
     };
     let ended = drive(robot, scenario, route.limit_s(), &mut run)?;
     let end = route.end();
-    let record = &run.moment.record;
+    let record = &run.latest.record;
     let center = record.lead.fused.robot.posture;
     let estimate = [center.x, center.y, center.phi].map(f64::from);
     let at_rest = [record.midpoint, estimate].map(|at| Deviation::of(at, &end));

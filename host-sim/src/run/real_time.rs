@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Polling interval of the keys in a paused run.
-const PAUSE: Duration = Duration::from_millis(10);
+const PAUSE_POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Delays each tick until its real time.
 #[derive(Clone, Debug)]
@@ -31,7 +31,7 @@ impl RealTimeLimiter {
     /// Waits for the time of the next tick.
     pub fn wait(&mut self) {
         while self.keyboard.holds() {
-            thread::sleep(PAUSE);
+            thread::sleep(PAUSE_POLL_INTERVAL);
             self.due = Instant::now();
         }
         let tick = Duration::from_micros(TICK).div_f64(self.keyboard.pace().1);

@@ -1,6 +1,6 @@
 //! Monitor of the nodes' heartbeats on the bus, and recovery by the host after the restart of a board.
 
-use crate::targets::What;
+use crate::targets::EventKind;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::safety::{Condition, Conditions, OperatingState};
@@ -123,7 +123,7 @@ impl Monitor {
     }
 
     /// Processes a frame sent at `tick` (ms).
-    pub fn see(&mut self, tick: u32, frame: &CanFrame) {
+    pub fn receive(&mut self, tick: u32, frame: &CanFrame) {
         if !is_monitored(frame) {
             return;
         }
@@ -223,9 +223,9 @@ fn is_stopped(state: OperatingState) -> bool {
 }
 
 /// Time from a restart to the host's first check of the nodes, ticks.
-pub const PAUSE: u32 = 1000;
+pub const CHECK_DELAY_TICKS: u32 = 1000;
 /// Time in which the nodes must become idle after an attempt to clear the faults, ticks.
-const CLEARING: u32 = 500;
+const CLEARING_TICKS: u32 = 500;
 /// Attempts before the host gives up.
 const ATTEMPTS: u32 = 3;
 
@@ -246,10 +246,15 @@ impl Recovery {
     }
 
     /// Action of the host at a tick; `restart` is the latest restart of an axle board, ms.
-    pub fn step(&mut self, tick: u32, restart: Option<u32>, monitor: &Monitor) -> Option<What> {
+    pub fn step(
+        &mut self,
+        tick: u32,
+        restart: Option<u32>,
+        monitor: &Monitor,
+    ) -> Option<EventKind> {
         if self.restart != restart {
             self.restart = restart;
-            self.next = restart.map(|at| (at + PAUSE, 0));
+            self.next = restart.map(|at| (at + CHECK_DELAY_TICKS, 0));
         }
         let (_, attempts) = self.next.filter(|(at, _)| *at == tick)?;
         let axles = monitor.topology.axles().map(Node::Axle);
@@ -257,10 +262,11 @@ impl Recovery {
             let status = monitor.latest(node);
             status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
         });
-        self.next = (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING, attempts + 1));
+        self.next =
+            (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING_TICKS, attempts + 1));
         match ready {
-            true => Some(What::Resumed),
-            false => self.next.map(|_| What::Cleared),
+            true => Some(EventKind::Resumed),
+            false => self.next.map(|_| EventKind::Cleared),
         }
     }
 }
@@ -286,7 +292,7 @@ mod tests {
         let low = Condition::SupplyLow.code();
         let lost = Conditions::only(Condition::MessageLost);
         for tick in 0..30 {
-            monitor.see(
+            monitor.receive(
                 tick,
                 &frame(Node::Lead, OperatingState::Idle, 0, Conditions::NONE),
             );
@@ -296,7 +302,7 @@ mod tests {
                 _ => (OperatingState::Fault, low),
             };
             let notices = if tick == 5 { lost } else { Conditions::NONE };
-            monitor.see(tick, &frame(Node::axle(1), state, reason, notices));
+            monitor.receive(tick, &frame(Node::axle(1), state, reason, notices));
         }
         let times: Vec<f64> = monitor.changes().iter().map(|c| c.time_s).collect();
         assert_eq!(times, [0.0, 0.0, 0.01, 0.02]);
@@ -313,15 +319,15 @@ mod tests {
         );
         // A robot of two axles has no third axle; the number of a third axle must not be taken for the index of the
         // beam.
-        let stranger = frame(Node::axle(2), OperatingState::Fault, 0x80, lost);
-        monitor.see(30, &stranger);
+        let third_axle = frame(Node::axle(2), OperatingState::Fault, 0x80, lost);
+        monitor.receive(30, &third_axle);
         assert_eq!(
-            crate::bus::virtual_bus::sender(Topology::PAIR, &stranger),
+            crate::bus::virtual_bus::sender(Topology::PAIR, &third_axle),
             None
         );
         assert_eq!(monitor.latest(Node::beam(0)), None);
         let mut monitor = Monitor::new(Topology::new(4).unwrap());
-        monitor.see(30, &stranger);
+        monitor.receive(30, &third_axle);
         let latest = monitor.latest(Node::axle(2)).unwrap();
         assert_eq!((latest.name, latest.node), ("Axle3", Node::axle(2)));
     }

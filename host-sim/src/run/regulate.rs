@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::base::statistics::nees;
 use crate::base::statistics::square;
-use crate::run::drive::{Errand, Progress, drive};
+use crate::run::drive::{DriveTask, Progress, drive};
 use crate::run::end::{Ended, RunEnd};
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
@@ -144,7 +144,7 @@ struct Regulation<F> {
     ticks: u64,
 }
 
-impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
+impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for Regulation<F> {
     fn task(&self) -> Option<Task> {
         Some(self.task)
     }
@@ -190,8 +190,8 @@ pub fn regulate_on(
     )?;
     let record = robot.record();
     let fused = &record.lead.fused;
-    let seen = fused.front.posture.relative_to(fused.rear.posture);
-    let seen = [seen.x, seen.y, seen.phi].map(f64::from);
+    let estimated = fused.front.posture.relative_to(fused.rear.posture);
+    let estimated = [estimated.x, estimated.y, estimated.phi].map(f64::from);
     let geometry = &scenario.robot.completed().geometry;
     let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
@@ -210,7 +210,7 @@ pub fn regulate_on(
         path_m: drive.path_m,
         cusps: drive.cusps,
         plans: drive.plans,
-        relative_error: std::array::from_fn(|i| seen[i] - relative[i]),
+        relative_error: std::array::from_fn(|i| estimated[i] - relative[i]),
     })
 }
 

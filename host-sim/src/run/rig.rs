@@ -8,7 +8,7 @@ use crate::bus::virtual_bus::VirtualBus;
 use crate::run::bit_compare::Trace;
 use crate::run::recovery::Monitor;
 use crate::scenario::Scenario;
-use crate::targets::{Boards, Failure, FailureMode, Posted, Target};
+use crate::targets::{Boards, Failure, FailureMode, Outgoing, Target};
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Injector, Readings};
 use crate::world::sensors::{Sensors, Truth};
@@ -69,7 +69,7 @@ impl Rig {
         let topology = scenario.robot.topology();
         let start = Posture::from(scenario.mission.start.map(|value| value as f32));
         let config = board_config(scenario, imperfections);
-        let place = config.put_down(start, &scenario.mission.told());
+        let place = config.placement(start, &scenario.mission.configured_placement());
         let believed = &settings[topology.place(Role::beam(0))].robot.beam;
         let gauges = believed.strip.gauges_m.count();
         let calibration = believed.calibration.build(gauges)?;
@@ -156,15 +156,15 @@ impl Rig {
         bus.deliver(now, |role, frame, message| {
             boards.receive(role, now, frame, message);
         });
-        let outputs = boards.tick(tick, self.readings.samples(), &mut |posted| {
-            let frame = match posted {
-                Posted::Message(message) => bus.send(now, message),
-                Posted::Frame(frame) => bus.send_frame(now, frame),
+        let outputs = boards.tick(tick, self.readings.samples(), &mut |outgoing| {
+            let frame = match outgoing {
+                Outgoing::Message(message) => bus.send(now, message),
+                Outgoing::Frame(frame) => bus.send_frame(now, frame),
             };
             let Some(frame) = frame else {
                 return;
             };
-            monitor.see(tick, &frame);
+            monitor.receive(tick, &frame);
             if let Some(trace) = trace.as_mut() {
                 trace.frame(tick, frame);
             }
@@ -199,11 +199,11 @@ impl Rig {
         injector.readings(tick, &mut self.readings);
         for role in self.topology.boards() {
             let frozen = injector.frozen(role, tick);
-            let behind = injector.behind(role, tick);
-            self.boards.hold(role, frozen, behind)?;
+            let clock_lag = injector.clock_lag(role, tick);
+            self.boards.hold(role, frozen, clock_lag)?;
         }
         match injector.fault() {
-            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(config),
+            (Fault::Bus(config), at) if at == tick => self.bus.set_config(config),
             _ => {}
         }
         Ok(())

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Timeout for the robot to stop, and again to switch its motors off, µs.
-const STOP: Micros = 5_000_000;
+const STOP_TIMEOUT_US: Micros = 5_000_000;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
@@ -90,21 +90,21 @@ impl Record {
     }
 
     /// Copy of the record; estimated postures and frames replace an unknown true state.
-    pub fn seen(&self) -> Self {
-        let mut seen = self.clone();
+    pub fn with_estimate(&self) -> Self {
+        let mut record = self.clone();
         if !self.midpoint[0].is_nan() {
-            return seen;
+            return record;
         }
         let fused = &self.lead.fused;
         let posture = |at: &Estimate| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from);
-        seen.midpoint = posture(&fused.robot);
-        for (axle, at) in seen.axles.iter_mut().zip([&fused.front, &fused.rear]) {
+        record.midpoint = posture(&fused.robot);
+        for (axle, at) in record.axles.iter_mut().zip([&fused.front, &fused.rear]) {
             axle.posture = posture(at);
         }
-        for (frame, axles) in seen.frames.iter_mut().zip(seen.axles.windows(2)) {
+        for (frame, axles) in record.frames.iter_mut().zip(record.axles.windows(2)) {
             frame.points = strip([axles[0].posture, axles[1].posture]);
         }
-        seen
+        record
     }
 
     /// State of the plant at `now`, with the lead node's latest output and the strains of each frame.
@@ -156,11 +156,11 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
         let (t2, t3) = (t * t, t * t * t);
         let (start, end) = (2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3);
         let (out, into) = (t3 - 2.0 * t2 + t, t3 - t2);
-        let along = |k: usize, direction: fn(f64) -> f64| {
+        let coordinate = |k: usize, direction: fn(f64) -> f64| {
             let slopes = out * direction(rear[2]) + into * direction(front[2]);
             (start * rear[k] + end * front[k] + length * slopes) as f32
         };
-        [along(0, libm::cos), along(1, libm::sin)]
+        [coordinate(0, libm::cos), coordinate(1, libm::sin)]
     })
 }
 
@@ -284,7 +284,7 @@ pub trait Robot {
     }
 
     /// Passes the state to the observers at the end of an epoch.
-    fn show(&mut self) -> Result<(), Error>
+    fn notify_observers(&mut self) -> Result<(), Error>
     where
         Self: Sized,
     {
@@ -293,15 +293,15 @@ pub trait Robot {
         }
         let record = self.record();
         let mut observers = std::mem::take(&mut self.control_mut().observers);
-        let shown = observers
+        let result = observers
             .iter_mut()
             .try_for_each(|observer| observer.epoch(self, &record));
         self.control_mut().observers = observers;
-        shown
+        result
     }
 
     /// True if the earliest end of the run has passed.
-    fn watched_enough(&self) -> bool {
+    fn may_end(&self) -> bool {
         self.now() >= self.control().span.least
     }
 
@@ -337,10 +337,10 @@ pub trait Robot {
     {
         for task in [Task::Stop, Task::Idle] {
             self.command(&HostCommand::Task(task))?;
-            let end = self.now() + STOP;
+            let end = self.now() + STOP_TIMEOUT_US;
             while !(self.is_settled() && has_stopped(self, task)) {
                 if self.now() >= end {
-                    let seconds = STOP / 1_000_000;
+                    let seconds = STOP_TIMEOUT_US / 1_000_000;
                     return Err(Error::Failure(format!("not at rest after {seconds} s")));
                 }
                 self.step()?;

@@ -1,12 +1,12 @@
 //! Scripts of steps for the robot: goals, paths, speeds, stops.
 //!
-//! [`parse`] reads a script and refuses the whole script if one line is invalid. [`carry_out`] executes the steps.
+//! [`parse`] reads a script and refuses the whole script if one line is invalid. [`execute`] executes the steps.
 
 use crate::base::error::Error;
 use crate::base::{numbers, spelling};
 use crate::paths;
 use crate::paths::{MAX_COORDINATE_M, Path, PathError};
-use crate::run::drive::{Errand, Progress, drive};
+use crate::run::drive::{DriveTask, Progress, drive};
 use crate::run::end::{Cause, EndKind, RunEnd};
 use crate::run::keyboard::Keyboard;
 use crate::run::path_run;
@@ -17,7 +17,7 @@ use crate::targets::HostCommand;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, LeadMode, Message};
 use core_algos::control::regulator::Phase;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::math::Posture;
 use core_algos::node::lead::{DEAD_MAN, Task};
 use core_algos::safety::{Condition, OperatingState};
@@ -26,7 +26,7 @@ use core_algos::topology::{FrameId, Node};
 use serde::Serialize;
 
 /// Interval of speed commands, µs: a quarter of the timeout after which the robot stops.
-const SPEED_EVERY: Micros = DEAD_MAN / 4;
+const SPEED_INTERVAL_US: Micros = DEAD_MAN / 4;
 /// Longest duration of a stop, of clearing the faults or of setting a posture, s.
 const SHORT_S: f64 = 10.0;
 /// Shortest duration of a speed step, s: the interval of its commands.
@@ -50,7 +50,7 @@ const STEPS: [(&str, &str); 8] = [
 
 /// Step of a script.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Step {
+pub enum ScriptStep {
     /// Drive to a posture: m, m, rad.
     Goto([f64; 3]),
     /// Follow a path.
@@ -85,7 +85,7 @@ pub enum Step {
     Hand(Keyboard),
 }
 
-impl Step {
+impl ScriptStep {
     /// Longest duration of the step, s.
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         match self {
@@ -109,7 +109,7 @@ pub struct Line {
     /// Text.
     pub text: String,
     /// Step.
-    pub step: Step,
+    pub step: ScriptStep,
 }
 
 /// End of a step.
@@ -130,7 +130,7 @@ pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
     vec![Line {
         number: 1,
         text: "keyboard".to_owned(),
-        step: Step::Hand(keyboard),
+        step: ScriptStep::Hand(keyboard),
     }]
 }
 
@@ -182,8 +182,8 @@ pub fn check_starts(
 ) -> Result<(), Error> {
     for line in lines {
         at = match (&line.step, at) {
-            (Step::Goto(goal) | Step::Pose(goal), _) => Some(*goal),
-            (Step::Follow { .. }, Some(from)) => {
+            (ScriptStep::Goto(goal) | ScriptStep::Pose(goal), _) => Some(*goal),
+            (ScriptStep::Follow { .. }, Some(from)) => {
                 let [planned, _] = path_run::start_distances(scenario);
                 let route = route(&line.step, from, planned, scenario).map_err(|error| {
                     Error::input(format!("line {}: {}: {error}", line.number, line.text))
@@ -191,7 +191,7 @@ pub fn check_starts(
                 route.map(|route| route.goal())
             }
             (
-                Step::Follow {
+                ScriptStep::Follow {
                     path,
                     laps,
                     from_robot: false,
@@ -201,7 +201,9 @@ pub fn check_starts(
                 let route = Route::new(path, *laps, scenario);
                 route.ok().map(|route| route.goal())
             }
-            (Step::Stop | Step::Clear | Step::Wait(_) | Step::Zero, at) => at,
+            (ScriptStep::Stop | ScriptStep::Clear | ScriptStep::Wait(_) | ScriptStep::Zero, at) => {
+                at
+            }
             _ => None,
         };
     }
@@ -210,12 +212,12 @@ pub fn check_starts(
 
 /// Route of a path step for a robot at posture `at`, at most `most` (m) from its start; `None` for another step.
 fn route(
-    step: &Step,
+    step: &ScriptStep,
     at: [f64; 3],
     most: f64,
     scenario: &Scenario,
 ) -> Result<Option<Route>, PathError> {
-    let Step::Follow {
+    let ScriptStep::Follow {
         path,
         laps,
         from_robot,
@@ -232,7 +234,7 @@ fn route(
     Ok(Some(route))
 }
 
-fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
+fn step(words: &[&str], scenario: &Scenario) -> Result<ScriptStep, Error> {
     let (&name, words) = words.split_first().unwrap_or((&"", &[]));
     let Some((_, usage)) = STEPS.iter().find(|(known, _)| *known == name) else {
         let hint = spelling::hint(name, STEPS.map(|(name, _)| name));
@@ -258,15 +260,15 @@ fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
         false => Err(count()),
     };
     match name {
-        "goto" => posture().map(Step::Goto),
-        "pose" => posture().map(Step::Pose),
+        "goto" => posture().map(ScriptStep::Goto),
+        "pose" => posture().map(ScriptStep::Pose),
         "wait" => exactly(1)
             .and_then(|()| number(0, "SECONDS", 0.0, LONGEST_S))
-            .map(Step::Wait),
+            .map(ScriptStep::Wait),
         "speed" => {
             exactly(3)?;
             let [most, bound] = limits(scenario);
-            Ok(Step::Speed {
+            Ok(ScriptStep::Speed {
                 speed_m_s: number(0, "V (m/s)", -most, most)?,
                 curvature_per_m: number(1, "KAPPA (1/m)", -bound, bound)?,
                 seconds: number(2, "SECONDS", SHORTEST_S, LONGEST_S)?,
@@ -292,21 +294,21 @@ fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
             }
             let laps = laps as u32;
             Route::new(&path, laps, scenario).map_err(|error| Error::input(error.to_string()))?;
-            Ok(Step::Follow {
+            Ok(ScriptStep::Follow {
                 path: Box::new(path),
                 laps,
                 from_robot: paths::NAMES.contains(&words[0]),
             })
         }
-        "stop" => exactly(0).map(|()| Step::Stop),
-        "zero" => exactly(0).map(|()| Step::Zero),
-        _ => exactly(0).map(|()| Step::Clear),
+        "stop" => exactly(0).map(|()| ScriptStep::Stop),
+        "zero" => exactly(0).map(|()| ScriptStep::Zero),
+        _ => exactly(0).map(|()| ScriptStep::Clear),
     }
 }
 
 /// Executes the steps in order, up to the first that fails. `observe` gets the record of each epoch. `ends` gets the
 /// end of each step, also of a step with an error.
-pub fn carry_out(
+pub fn execute(
     robot: &mut impl Robot,
     scenario: &Scenario,
     lines: &[Line],
@@ -315,9 +317,9 @@ pub fn carry_out(
 ) -> Result<(), Error> {
     for line in lines {
         let began = robot.now();
-        let taken = take(robot, scenario, &line.step, &mut observe);
+        let taken = execute_step(robot, scenario, &line.step, &mut observe);
         let mut goal = match line.step {
-            Step::Goto(goal) => Some(goal),
+            ScriptStep::Goto(goal) => Some(goal),
             _ => None,
         };
         let (end, error) = match taken {
@@ -329,14 +331,16 @@ pub fn carry_out(
                 let seconds = (robot.now() - began) as f64 * 1e-6;
                 let mut end = RunEnd::of(robot, Cause::Unfinished, seconds);
                 end.kind = EndKind::Stopped;
-                let refused =
-                    matches!((&line.step, &error), (Step::Follow { .. }, Error::Input(_)));
+                let refused = matches!(
+                    (&line.step, &error),
+                    (ScriptStep::Follow { .. }, Error::Input(_))
+                );
                 end.condition = refused.then_some(Condition::PathLost).or(end.condition);
                 end.reason = Some(error.to_string());
                 (end, Some(error))
             }
         };
-        let carried_out = end.is_success();
+        let succeeded = end.is_success();
         ends.push(StepEnd {
             line: line.number,
             step: line.text.clone(),
@@ -345,7 +349,7 @@ pub fn carry_out(
         });
         match error {
             Some(error) => return Err(error),
-            None if !carried_out || robot.must_end() => break,
+            None if !succeeded || robot.must_end() => break,
             None => {}
         }
     }
@@ -353,53 +357,53 @@ pub fn carry_out(
 }
 
 /// Executes a step. Gives the end of the step and the last posture of its path.
-fn take(
+fn execute_step(
     robot: &mut impl Robot,
     scenario: &Scenario,
-    step: &Step,
+    step: &ScriptStep,
     observe: &mut impl FnMut(&Record),
 ) -> Result<(RunEnd, Option<[f64; 3]>), Error> {
-    if matches!(step, Step::Follow { .. }) {
+    if matches!(step, ScriptStep::Follow { .. }) {
         // The estimate is valid once the robot has settled.
-        take(robot, scenario, &Step::Wait(0.0), observe)?;
+        execute_step(robot, scenario, &ScriptStep::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
         let at = [at.x, at.y, at.phi].map(f64::from);
         let [_, most] = path_run::start_distances(scenario);
         let route = route(step, at, most, scenario);
         let route = route.map_err(|error| Error::input(error.to_string()))?;
         if let Some(route) = route {
-            let see = |moment: &path_run::Moment| observe(&moment.record);
-            let outcome = path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?;
+            let on_epoch = |epoch: &path_run::PathEpoch| observe(&epoch.record);
+            let outcome = path_run::drive_on(robot, scenario, &route, PathMode::Follow, on_epoch)?;
             return Ok((outcome.end, Some(route.goal())));
         }
     }
-    let mut taking = Taking {
+    let mut step_task = StepTask {
         step,
         scenario,
         observe,
-        given: None,
-        asked: false,
+        commanded_at: None,
+        requested: false,
         // A robot whose motors are off needs no stop.
         stopped: robot.record().lead.mode == LeadMode::Idle,
     };
     let limit_s = step.limit_s(scenario);
-    Ok((drive(robot, scenario, limit_s, &mut taking)?, None))
+    Ok((drive(robot, scenario, limit_s, &mut step_task)?, None))
 }
 
 /// Step in progress.
-struct Taking<'a, F> {
-    step: &'a Step,
+struct StepTask<'a, F> {
+    step: &'a ScriptStep,
     scenario: &'a Scenario,
     observe: &'a mut F,
     /// Time of the latest command, µs.
-    given: Option<Micros>,
+    commanded_at: Option<Micros>,
     /// True if the posture, or the request for the zeros, has been sent.
-    asked: bool,
+    requested: bool,
     /// True if a robot driven by hand needs no further stop.
     stopped: bool,
 }
 
-impl<F> Taking<'_, F> {
+impl<F> StepTask<'_, F> {
     /// Task from the keys; a stop is sent once.
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
@@ -425,11 +429,11 @@ fn over(finished: bool) -> Progress {
     }
 }
 
-impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
+impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     fn task(&self) -> Option<Task> {
         match *self.step {
-            Step::Goto(goal) => Some(self.scenario.mission.regulate(goal)),
-            Step::Speed {
+            ScriptStep::Goto(goal) => Some(self.scenario.mission.regulate(goal)),
+            ScriptStep::Speed {
                 speed_m_s,
                 curvature_per_m,
                 ..
@@ -437,35 +441,37 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 speed_m_s: speed_m_s as f32,
                 curvature: curvature_per_m as f32,
             }),
-            Step::Stop => Some(Task::Stop),
-            Step::Clear => Some(Task::Clear),
-            Step::Pose(_) | Step::Zero => Some(Task::Idle),
-            Step::Wait(_) | Step::Follow { .. } | Step::Hand(_) => None,
+            ScriptStep::Stop => Some(Task::Stop),
+            ScriptStep::Clear => Some(Task::Clear),
+            ScriptStep::Pose(_) | ScriptStep::Zero => Some(Task::Idle),
+            ScriptStep::Wait(_) | ScriptStep::Follow { .. } | ScriptStep::Hand(_) => None,
         }
     }
 
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         let now = robot.now();
-        if let (Step::Hand(keyboard), Some(given)) = (self.step, self.given) {
-            if now - given < SPEED_EVERY {
+        if let (ScriptStep::Hand(keyboard), Some(commanded_at)) = (self.step, self.commanded_at) {
+            if now - commanded_at < SPEED_INTERVAL_US {
                 return Ok(());
             }
-            self.given = Some(now);
+            self.commanded_at = Some(now);
             let task = self.by_hand(keyboard);
             return task.map_or(Ok(()), |task| robot.command(&HostCommand::Task(task)));
         }
         let off = robot.record().lead.supervision.state == OperatingState::Idle;
-        match (self.step, self.given, Errand::<R>::task(self)) {
-            (Step::Speed { .. }, Some(given), Some(task)) if now - given >= SPEED_EVERY => {
-                self.given = Some(now);
+        match (self.step, self.commanded_at, DriveTask::<R>::task(self)) {
+            (ScriptStep::Speed { .. }, Some(commanded_at), Some(task))
+                if now - commanded_at >= SPEED_INTERVAL_US =>
+            {
+                self.commanded_at = Some(now);
                 robot.command(&HostCommand::Task(task))
             }
-            (Step::Pose(pose), Some(_), _) if off && !self.asked => {
-                self.asked = true;
-                robot.command(&HostCommand::Place(place(robot, self.scenario, *pose)))
+            (ScriptStep::Pose(pose), Some(_), _) if off && !self.requested => {
+                self.requested = true;
+                robot.command(&HostCommand::SetPose(place(robot, self.scenario, *pose)))
             }
-            (Step::Zero, Some(_), _) if off && !self.asked => {
-                self.asked = true;
+            (ScriptStep::Zero, Some(_), _) if off && !self.requested => {
+                self.requested = true;
                 robot.monitor_mut().calibrated = None;
                 let request = Message::BeamCalibration {
                     frame: FrameId(0),
@@ -474,7 +480,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 };
                 bus::encode(&request).map_or(Ok(()), |frame| robot.send(&frame))
             }
-            (Step::Zero, ..) => match robot.monitor().calibrated {
+            (ScriptStep::Zero, ..) => match robot.monitor().calibrated {
                 Some((result, gauge)) => calibration_error(result, gauge).map_or(Ok(()), Err),
                 None => Ok(()),
             },
@@ -485,7 +491,9 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     fn must_end(&self, robot: &R) -> bool {
         // A fault does not end these steps, which clear faults.
         match self.step {
-            Step::Clear | Step::Hand(_) => robot.is_interrupted() || robot.is_out_of_time(),
+            ScriptStep::Clear | ScriptStep::Hand(_) => {
+                robot.is_interrupted() || robot.is_out_of_time()
+            }
             _ => robot.must_end(),
         }
     }
@@ -495,28 +503,30 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
         let Some(since) = since else {
             return Progress::Driving;
         };
-        self.given.get_or_insert(robot.now());
+        self.commanded_at.get_or_insert(robot.now());
         let lead = &record.lead;
         let passed = |seconds: f64| since as f64 * 1e-6 >= seconds;
         match *self.step {
-            Step::Goto(_) => match lead.phase {
+            ScriptStep::Goto(_) => match lead.phase {
                 Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
                 _ => Progress::Driving,
             },
-            Step::Speed { seconds, .. } | Step::Wait(seconds) => over(passed(seconds)),
-            Step::Stop => over(passed(0.05) && lead.motion.v.abs() < REST_M_S),
-            Step::Clear => over(passed(0.05) && is_clear(robot)),
-            Step::Pose([x, y, _]) => {
+            ScriptStep::Speed { seconds, .. } | ScriptStep::Wait(seconds) => over(passed(seconds)),
+            ScriptStep::Stop => over(passed(0.05) && lead.motion.v.abs() < REST_M_S),
+            ScriptStep::Clear => over(passed(0.05) && is_clear(robot)),
+            ScriptStep::Pose([x, y, _]) => {
                 let at = lead.fused.robot.posture;
                 let off = libm::hypot(f64::from(at.x) - x, f64::from(at.y) - y);
-                over(self.asked && robot.is_settled() && off < 1e-3)
+                over(self.requested && robot.is_settled() && off < 1e-3)
             }
-            Step::Zero => {
+            ScriptStep::Zero => {
                 let result = robot.monitor().calibrated.map(|(result, _)| result);
-                over(self.asked && result == Some(CalibrationResult::Stored))
+                over(self.requested && result == Some(CalibrationResult::Stored))
             }
-            Step::Follow { .. } => Progress::Over,
-            Step::Hand(ref keyboard) => over(keyboard.is_ended() && !keyboard.is_interrupted()),
+            ScriptStep::Follow { .. } => Progress::Over,
+            ScriptStep::Hand(ref keyboard) => {
+                over(keyboard.is_ended() && !keyboard.is_interrupted())
+            }
         }
     }
 }
@@ -549,10 +559,12 @@ fn is_clear(robot: &impl Robot) -> bool {
 }
 
 /// Robot placed at a posture. Its frame is bent as the lead node estimates, or straight without an estimate.
-fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Place {
+fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Placement {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));
-    let mut place = scenario.robot.put_down(at, &scenario.mission.told());
+    let mut place = scenario
+        .robot
+        .placement(at, &scenario.mission.configured_placement());
     let known = fused.robot.covariance[0][0] > 0.0;
     if known {
         place.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
@@ -622,11 +634,11 @@ mod tests {
         let turn = |text: &str| parse(text, &scenario).unwrap().remove(0).step;
         assert_eq!(
             turn("goto 1 2 180deg"),
-            Step::Goto([1.0, 2.0, std::f64::consts::PI])
+            ScriptStep::Goto([1.0, 2.0, std::f64::consts::PI])
         );
         assert_eq!(
             turn("pose 1 2 -90°"),
-            Step::Pose([1.0, 2.0, -std::f64::consts::FRAC_PI_2])
+            ScriptStep::Pose([1.0, 2.0, -std::f64::consts::FRAC_PI_2])
         );
     }
 
@@ -640,20 +652,20 @@ mod tests {
         let lines = parse(text, &scenario).unwrap();
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
         let mut ends = Vec::new();
-        carry_out(&mut robot, &scenario, &lines, |_| (), &mut ends).unwrap();
+        execute(&mut robot, &scenario, &lines, |_| (), &mut ends).unwrap();
         let numbers: Vec<usize> = ends.iter().map(|end| end.line).collect();
         assert_eq!(numbers, [1, 3, 4, 5, 6, 7, 8, 9]);
         assert!(ends.iter().all(|step| step.end.is_success()), "{ends:?}");
         let truth = |n: usize| ends[n].end.truth.unwrap();
-        let seen = |n: usize| ends[n].end.estimate.unwrap();
+        let estimate = |n: usize| ends[n].end.estimate.unwrap();
         let near = |at: [f64; 3], x: f64, y: f64| {
             let off = (at[0] - x).hypot(at[1] - y);
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
         };
         near(truth(0), 1.0, 0.2);
         // Speed times time minus the ramps, on an arc to the left.
-        let way = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
-        assert!((0.3..0.45).contains(&way), "{way}");
+        let driven = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
+        assert!((0.3..0.45).contains(&driven), "{driven}");
         assert!(
             (0.1..0.3).contains(&(truth(2)[2] - truth(0)[2])),
             "{ends:?}"
@@ -661,13 +673,13 @@ mod tests {
         // Step pose shifts the estimate of all later steps; the robot does not move.
         near(truth(4), truth(3)[0], truth(3)[1]);
         assert!(
-            (seen(4)[0] - 5.0).hypot(seen(4)[1] - 5.0) < 1e-3,
+            (estimate(4)[0] - 5.0).hypot(estimate(4)[1] - 5.0) < 1e-3,
             "{ends:?}"
         );
         let moved = (truth(5)[0] - truth(4)[0]).hypot(truth(5)[1] - truth(4)[1]);
         assert!((moved - 0.5).abs() < 0.03, "{moved}");
         assert!(
-            (seen(7)[0] - 6.0).hypot(seen(7)[1] - 5.0) < 0.01,
+            (estimate(7)[0] - 6.0).hypot(estimate(7)[1] - 5.0) < 0.01,
             "{ends:?}"
         );
     }
@@ -679,11 +691,11 @@ mod tests {
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
         robot.control_mut().span.most = Some(2_000_000);
         let mut lines = parse("speed 0.2 0 9", &scenario).unwrap();
-        carry_out(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
+        execute(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
         assert!(robot.speed() > 0.1 && robot.now() == 2_000_000);
         robot.stop().unwrap();
         assert!(robot.speed() < 5e-3 && robot.torque() == [[0.0; 2]; 2]);
         lines = by_hand(Keyboard::default());
-        carry_out(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
+        execute(&mut robot, &scenario, &lines, |_| (), &mut Vec::new()).unwrap();
     }
 }

@@ -8,7 +8,7 @@ use crate::run::recovery::{Monitor, Recovery};
 use crate::run::rig::Rig;
 use crate::run::robot::{Record, Robot, RunControl, outlines};
 use crate::scenario::Scenario;
-use crate::targets::{self, BoardTraffic, Boards, HostCommand, Room, Target, What};
+use crate::targets::{self, BoardTraffic, Boards, EventKind, HostCommand, Room, Target};
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Wheel};
 use crate::world::sensors::{AxleTruth, Truth};
@@ -17,7 +17,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::Node;
 
 /// Time from a fault of the lead node to the end of the run, ticks: the run shows the reaction of the robot.
-const GRACE: u64 = 1000;
+const TICKS_AFTER_FAULT: u64 = 1000;
 
 /// A trial in progress.
 pub struct Simulation {
@@ -159,7 +159,7 @@ impl Simulation {
         let Some(act) = recovery.and_then(|it| it.step(tick, restart, monitor)) else {
             return Ok(());
         };
-        let task = if act == What::Cleared {
+        let task = if act == EventKind::Cleared {
             Task::Clear
         } else {
             self.task
@@ -212,7 +212,7 @@ impl Robot for Simulation {
             return Some(why.to_owned());
         }
         let fault = self.rig.monitor.fault_since(Node::Lead)?;
-        let over = self.tick().saturating_sub(fault) >= GRACE;
+        let over = self.tick().saturating_sub(fault) >= TICKS_AFTER_FAULT;
         if !over || self.recovery.as_ref().is_some_and(Recovery::is_pending) {
             return None;
         }
@@ -230,7 +230,7 @@ impl Robot for Simulation {
         self.disturb(tick);
         let torque = self.rig.step(&self.truth)?;
         self.plant.step(torque);
-        self.show()
+        self.notify_observers()
     }
 
     fn record(&self) -> Record {

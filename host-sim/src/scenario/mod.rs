@@ -16,13 +16,13 @@ use crate::scenario::board_parameters::Overlays;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
-use crate::world::{Spread, ToldOfPlace, World, table};
+use crate::world::{PlacementAccuracy, Spread, World, table};
 use core_algos::config::ConfigError;
 use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::robot::{RobotConfig, Told};
+use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::params::Settings;
 use declare::{Declared, Field};
 use plant::PlantConfig;
@@ -61,8 +61,8 @@ table! {
 
 impl Mission {
     /// Accuracy of placement and floor, as configured in the robot.
-    pub fn told(&self) -> Told {
-        Told {
+    pub fn configured_placement(&self) -> ConfiguredPlacement {
+        ConfiguredPlacement {
             placement_m: self.placement_m as f32,
             placement_rad: self.placement_rad as f32,
             floor_drift: self.floor_drift as f32,
@@ -149,7 +149,7 @@ impl From<Layout> for Scenario {
                 spread: layout.spread,
                 sensors: layout.sensors,
                 bus: layout.bus,
-                told: ToldOfPlace::default(),
+                placement: PlacementAccuracy::default(),
             },
         }
     }
@@ -199,12 +199,12 @@ impl Scenario {
         world::DEFAULT.clone_into(&mut below.world.name);
         let named: Self = toml_file::build(&below, text, name, changes)?;
         below.world = World::load(world.unwrap_or(&named.world.name))?;
-        let told = &below.world.told;
-        below.mission.placement_m = told.placement_m;
-        below.mission.placement_rad = told.placement_rad;
-        below.mission.floor_drift = told.floor_drift;
+        let placement = &below.world.placement;
+        below.mission.placement_m = placement.placement_m;
+        below.mission.placement_rad = placement.placement_rad;
+        below.mission.floor_drift = placement.floor_drift;
         let mut scenario: Self = toml_file::build(&below, text, name, changes)?;
-        (scenario.world.name, scenario.world.told) = (below.world.name, below.world.told);
+        (scenario.world.name, scenario.world.placement) = (below.world.name, below.world.placement);
         scenario.check()?;
         Ok(scenario)
     }

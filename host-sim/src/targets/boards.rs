@@ -12,11 +12,11 @@
 //!   estimate. The run ends with the motors off.
 //! - **An axle lost for good**: the run ends, at rest.
 
-use super::losses::{Event, Losses, What};
-use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Report, Room, Target};
+use super::losses::{Event, EventKind, Losses};
+use super::{BoardTraffic, Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
@@ -51,11 +51,11 @@ struct Slot {
     /// False if the board is not fitted or is off.
     on: bool,
     /// Time of the restart, ms.
-    revival: Option<u32>,
+    restart_at: Option<u32>,
     /// True if the board does not run and holds its outputs.
     held: bool,
     /// Lag of the board's clock, ticks.
-    behind: u32,
+    clock_lag: u32,
     /// Tick that the board expects next.
     next: u32,
     last: Output,
@@ -64,7 +64,7 @@ struct Slot {
 impl Slot {
     /// Hands over the samples of a tick. After a gap in its ticks the board first gets the new time.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
-        let tick = tick - self.behind;
+        let tick = tick - self.clock_lag;
         if tick != self.next {
             self.target.resume(tick)?;
         }
@@ -94,16 +94,16 @@ impl Boards {
         topology: Topology,
         targets: Vec<Box<dyn Target>>,
         configs: Vec<RobotConfig>,
-        place: &Place,
+        place: &Placement,
         rps: bool,
     ) -> Result<Self, Error> {
         let slot = |(role, target): (Role, _)| Slot {
             role,
             target,
             on: !role.is_beam() || rps,
-            revival: None,
+            restart_at: None,
             held: false,
-            behind: 0,
+            clock_lag: 0,
             next: 0,
             last: Output::default(),
         };
@@ -137,13 +137,13 @@ impl Boards {
         self.restart_after = restart_after;
     }
 
-    /// Stops a board with its outputs held, or sets the lag of its clock to `behind` ticks.
-    pub fn hold(&mut self, role: Role, held: bool, behind: u32) -> Result<(), Error> {
+    /// Stops a board with its outputs held, or sets the lag of its clock to `clock_lag` ticks.
+    pub fn hold(&mut self, role: Role, held: bool, clock_lag: u32) -> Result<(), Error> {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.held != held && slot.on {
             slot.target.halt(held)?;
         }
-        (slot.held, slot.behind) = (held, behind);
+        (slot.held, slot.clock_lag) = (held, clock_lag);
         Ok(())
     }
 
@@ -158,7 +158,7 @@ impl Boards {
     }
 
     /// Records an action of the host.
-    pub fn note(&mut self, tick: u32, what: What) {
+    pub fn note(&mut self, tick: u32, what: EventKind) {
         self.losses.note(tick, what);
     }
 
@@ -168,13 +168,13 @@ impl Boards {
     }
 
     /// Report of each fitted board; running boards report their stack.
-    pub fn reports(&mut self) -> Vec<Report> {
+    pub fn reports(&mut self) -> Vec<TargetReport> {
         let mut reports = Vec::new();
         for slot in &mut self.slots {
             let lost = self.losses.has(slot.role);
-            if slot.on || slot.revival.is_some() || lost {
+            if slot.on || slot.restart_at.is_some() || lost {
                 let stack = slot.on.then(|| slot.target.stack()).flatten();
-                reports.push(Report {
+                reports.push(TargetReport {
                     stack,
                     ..slot.target.report()
                 });
@@ -222,9 +222,9 @@ impl Boards {
     pub fn receive(&mut self, role: Role, now: Micros, frame: &CanFrame, message: &Message) {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.on && !slot.held {
-            let behind = Micros::from(slot.behind) * TICK;
+            let clock_lag = Micros::from(slot.clock_lag) * TICK;
             slot.target
-                .receive(now.saturating_sub(behind), frame, message);
+                .receive(now.saturating_sub(clock_lag), frame, message);
         }
     }
 
@@ -233,14 +233,14 @@ impl Boards {
         &mut self,
         tick: u32,
         samples: impl IntoIterator<Item = Samples>,
-        post: &mut dyn FnMut(Posted),
+        send: &mut dyn FnMut(Outgoing),
     ) -> Result<&[Output], Error> {
         self.switch(tick)?;
         for (i, samples) in samples.into_iter().enumerate() {
             let slot = &mut self.slots[i];
             if slot.on && !slot.held {
                 let begun = slot.begin(tick, &samples);
-                self.judge(i, tick, begun)?;
+                self.value_or_loss(i, tick, begun)?;
             }
         }
         self.outputs.clear();
@@ -253,13 +253,13 @@ impl Boards {
                     ..slot.last
                 };
             } else if slot.on {
-                let finished = slot.target.finish(post);
-                output = self.judge(i, tick, finished)?.unwrap_or_default();
+                let finished = slot.target.finish(send);
+                output = self.value_or_loss(i, tick, finished)?.unwrap_or_default();
                 self.slots[i].last = output;
             }
             self.outputs.push(output);
         }
-        self.watch(tick);
+        self.record_motors_off(tick);
         Ok(&self.outputs)
     }
 
@@ -273,15 +273,15 @@ impl Boards {
                 let target = &mut self.slots[i].target;
                 match failure.mode {
                     FailureMode::Off => {
-                        target.kill()?;
+                        target.switch_off()?;
                         self.lost(i, tick, "switched off".to_owned(), self.restart_after);
                     }
                     FailureMode::Crash => target.crash()?,
                     FailureMode::Hang => target.halt(true)?,
                 }
             }
-            if self.slots[i].revival == Some(tick) {
-                self.slots[i].target.revive()?;
+            if self.slots[i].restart_at == Some(tick) {
+                self.slots[i].target.switch_on()?;
                 self.restart(i, tick)?;
             }
         }
@@ -289,7 +289,7 @@ impl Boards {
     }
 
     /// Value of a board's answer. Without an answer the board is lost: `None`, or an error if the run cannot continue.
-    fn judge<T>(
+    fn value_or_loss<T>(
         &mut self,
         i: usize,
         tick: u32,
@@ -314,14 +314,14 @@ impl Boards {
     fn lost(&mut self, i: usize, tick: u32, why: String, restart_after: Option<u32>) {
         let role = self.slots[i].role;
         self.slots[i].on = false;
-        self.slots[i].revival = restart_after.map(|after| tick + after.max(1));
+        self.slots[i].restart_at = restart_after.map(|after| tick + after.max(1));
         self.losses.lost(tick, role, why, restart_after.is_some());
     }
 
     fn restart(&mut self, i: usize, tick: u32) -> Result<(), Error> {
         let slot = &mut self.slots[i];
         let role = slot.role;
-        slot.revival = None;
+        slot.restart_at = None;
         slot.target
             .start(&self.configs[i], tick, None)
             .map_err(|fault| fatal(self.topology.name(role), fault))?;
@@ -335,11 +335,11 @@ impl Boards {
     }
 
     /// Records when all motors are off after the loss of a board.
-    fn watch(&mut self, tick: u32) {
+    fn record_motors_off(&mut self, tick: u32) {
         // The output of a lost board is zero torque.
         let mut outputs = self.outputs.iter();
         let off = outputs.all(|output| output.torque_nm == Wheels::both(0.0));
-        self.losses.watch(tick, off);
+        self.losses.record_motors_off(tick, off);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::link::Order;
-use core_algos::link::protocol::{POINTS, Place};
+use core_algos::link::protocol::{POINTS, Placement};
 use core_algos::node::lead::Task;
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub enum HostCommand {
         end: bool,
     },
     /// Posture of the robot, at rest with its motors off.
-    Place(Place),
+    SetPose(Placement),
     /// The commanding host timed out; the board itself issues this command.
     Lost,
 }
@@ -36,7 +36,7 @@ impl HostCommand {
     pub fn orders(&self) -> Vec<Order> {
         match self {
             Self::Task(task) => vec![Order::Task(*task)],
-            Self::Place(place) => vec![Order::Place(*place)],
+            Self::SetPose(placement) => vec![Order::SetPose(*placement)],
             Self::Lost => vec![Order::Lost],
             Self::Path { points, end } => {
                 batches(points, *end, |points, end| Order::Path { points, end })
@@ -52,7 +52,7 @@ impl HostCommand {
         match self {
             Self::Task(Task::Drive { .. }) => "speed",
             Self::Task(_) => "task",
-            Self::Place(_) => "posture",
+            Self::SetPose(_) => "posture",
             Self::Lost => "lost",
             Self::Path { .. } => "path",
             Self::Trajectory { .. } => "trajectory",
@@ -63,7 +63,7 @@ impl HostCommand {
 impl From<Order> for HostCommand {
     fn from(order: Order) -> Self {
         match order {
-            Order::Place(place) => Self::Place(place),
+            Order::SetPose(placement) => Self::SetPose(placement),
             Order::Lost => Self::Lost,
             Order::Task(task) => Self::Task(task),
             Order::Path { points, end } => Self::Path {

@@ -1,10 +1,10 @@
 //! Board whose nodes are called directly.
 
-use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
+use super::{Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::control::controller::KinematicController;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::LeadNode;
@@ -62,7 +62,7 @@ impl Target for InProcess {
         &mut self,
         config: &RobotConfig,
         _tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.board = Some(Board::new(config, self.role).map_err(Error::from)?);
         let controller = self.controller;
@@ -83,7 +83,7 @@ impl Target for InProcess {
         let mut orders = command.orders().into_iter();
         let refused = |error| Error::input(format!("{}: {error}", command.subject()));
         Ok(orders
-            .try_for_each(|order| order.carry_out(lead))
+            .try_for_each(|order| order.execute(lead))
             .map_err(refused)?)
     }
 
@@ -106,14 +106,14 @@ impl Target for InProcess {
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let (Some(board), Some((tick, samples))) = (&mut self.board, self.tick.take()) else {
             return Err(Self::off(self.name));
         };
         self.outbox.clear();
         let output = board.step(Micros::from(tick) * TICK, &samples, &mut self.outbox);
         for message in self.outbox.iter() {
-            post(Posted::Message(message));
+            send(Outgoing::Message(message));
         }
         Ok(Output {
             torque_nm: output.torque_nm,
@@ -121,17 +121,17 @@ impl Target for InProcess {
         })
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.board = None;
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 
-    fn report(&self) -> Report {
-        Report {
+    fn report(&self) -> TargetReport {
+        TargetReport {
             role: self.name,
             target: "in process",
             build: env!("CARGO_PKG_VERSION").to_owned(),

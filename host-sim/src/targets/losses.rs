@@ -5,12 +5,12 @@ use serde::Serialize;
 use std::fmt;
 
 /// Time from the decision to end a run to its end, ticks: the motors switch off within this time.
-const GRACE: u32 = 1500;
+const TICKS_TO_END: u32 = 1500;
 
 /// Event of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum What {
+pub enum EventKind {
     /// The board was lost, with the reason.
     Lost(String),
     /// The motors of all other axles were off this many ms after the loss of the board.
@@ -31,7 +31,7 @@ pub struct Event {
     /// Board or host.
     pub role: &'static str,
     /// Description.
-    pub what: What,
+    pub what: EventKind,
 }
 
 impl fmt::Display for Event {
@@ -39,14 +39,14 @@ impl fmt::Display for Event {
         let Self { time_s, role, what } = self;
         write!(f, "{time_s:.3} s: ")?;
         match what {
-            What::Lost(why) => write!(f, "{role} board lost: {why}"),
-            What::MotorsOff(after) => write!(
+            EventKind::Lost(why) => write!(f, "{role} board lost: {why}"),
+            EventKind::MotorsOff(after) => write!(
                 f,
                 "all other motors off {after} ms after the {role} board was lost"
             ),
-            What::Restarted => write!(f, "{role} board restarted"),
-            What::Cleared => write!(f, "faults cleared by the {role}"),
-            What::Resumed => write!(f, "task repeated by the {role}"),
+            EventKind::Restarted => write!(f, "{role} board restarted"),
+            EventKind::Cleared => write!(f, "faults cleared by the {role}"),
+            EventKind::Resumed => write!(f, "task repeated by the {role}"),
         }
     }
 }
@@ -59,7 +59,7 @@ pub struct Losses {
     /// Latest restart of an axle board, ms.
     restarted: Option<u32>,
     /// Axle board lost last and time of the loss, ms, until all other motors are off.
-    watched: Option<(Role, u32)>,
+    awaiting_motors_off: Option<(Role, u32)>,
     /// Reason and time of the end of the run, ms.
     end: Option<(String, u32)>,
 }
@@ -71,7 +71,7 @@ impl Losses {
             topology,
             events: Vec::new(),
             restarted: None,
-            watched: None,
+            awaiting_motors_off: None,
             end: None,
         }
     }
@@ -99,21 +99,21 @@ impl Losses {
     }
 
     /// Records an action of the host.
-    pub fn note(&mut self, tick: u32, what: What) {
+    pub fn note(&mut self, tick: u32, what: EventKind) {
         self.record(tick, "host", what);
     }
 
     /// Records the loss of a board; `comes_back` is true if it will restart.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
         let name = self.topology.name(role);
-        self.record(tick, name, What::Lost(why));
+        self.record(tick, name, EventKind::Lost(why));
         if role.is_beam() {
             return;
         }
-        self.watched = Some((role, tick));
+        self.awaiting_motors_off = Some((role, tick));
         if !comes_back {
             let why = format!("the {name} board was lost");
-            self.end.get_or_insert((why, tick + GRACE));
+            self.end.get_or_insert((why, tick + TICKS_TO_END));
         }
     }
 
@@ -122,26 +122,27 @@ impl Losses {
         if !role.is_beam() {
             self.restarted = Some(tick);
         }
-        self.record(tick, self.topology.name(role), What::Restarted);
+        self.record(tick, self.topology.name(role), EventKind::Restarted);
     }
 
     /// Ends the run, because the estimate of the posture is lost.
     pub fn lost_estimate(&mut self, tick: u32) {
         let why =
             "the front board was restarted and its lead node lost the estimate of the posture";
-        self.end.get_or_insert((why.to_owned(), tick + GRACE));
+        self.end
+            .get_or_insert((why.to_owned(), tick + TICKS_TO_END));
     }
 
     /// Records when all motors are off after the loss of an axle board; `off` is true if all are off at `tick`.
-    pub fn watch(&mut self, tick: u32, off: bool) {
-        if let (Some((role, since)), true) = (self.watched, off) {
-            let off = What::MotorsOff(tick - since);
+    pub fn record_motors_off(&mut self, tick: u32, off: bool) {
+        if let (Some((role, since)), true) = (self.awaiting_motors_off, off) {
+            let off = EventKind::MotorsOff(tick - since);
             self.record(tick, self.topology.name(role), off);
-            self.watched = None;
+            self.awaiting_motors_off = None;
         }
     }
 
-    fn record(&mut self, tick: u32, role: &'static str, what: What) {
+    fn record(&mut self, tick: u32, role: &'static str, what: EventKind) {
         let event = Event {
             time_s: f64::from(tick) * 1e-3,
             role,

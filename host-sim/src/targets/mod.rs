@@ -13,11 +13,11 @@ pub mod losses;
 pub use boards::{Boards, Failure, FailureMode};
 pub use host_command::HostCommand;
 pub use in_process::InProcess;
-pub use losses::{Event, Losses, What};
+pub use losses::{Event, EventKind, Losses};
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::{Place, StackUse};
+use core_algos::link::protocol::{Placement, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
@@ -36,7 +36,7 @@ pub struct Output {
 
 /// Frame or message that a board sends.
 #[derive(Clone, Copy, Debug)]
-pub enum Posted<'a> {
+pub enum Outgoing<'a> {
     /// Message that the host encodes.
     Message(&'a Message),
     /// Frame that the board encoded.
@@ -93,7 +93,7 @@ pub struct BoardTraffic {
 
 /// Report of a board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct TargetReport {
     /// Board.
     pub role: &'static str,
     /// Place where the nodes run.
@@ -116,7 +116,7 @@ pub struct Report {
     pub stack: Option<StackUse>,
 }
 
-impl Report {
+impl TargetReport {
     /// Violation of the stack budget, if any.
     pub fn stack_excess(&self) -> Option<String> {
         let stack = self.stack.filter(StackUse::is_beyond)?;
@@ -166,7 +166,7 @@ pub trait Target: Send {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault>;
 
     /// Sends a command to the lead node; for the front board only.
@@ -181,8 +181,8 @@ pub trait Target: Send {
     /// Hands over the samples of a tick, ms.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
 
-    /// Takes the board's output of the tick; its messages go to `post` in order.
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault>;
+    /// Takes the board's output of the tick; its messages go to `send` in order.
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault>;
 
     /// Sets the next tick of a board after a gap in its ticks, ms.
     fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
@@ -196,14 +196,14 @@ pub trait Target: Send {
 
     /// Ends the board as if by its own failure.
     fn crash(&mut self) -> Result<(), Error> {
-        self.kill()
+        self.switch_off()
     }
 
     /// Switches the board off.
-    fn kill(&mut self) -> Result<(), Error>;
+    fn switch_off(&mut self) -> Result<(), Error>;
 
     /// Switches the board on again; [`Self::start`] must follow.
-    fn revive(&mut self) -> Result<(), Error>;
+    fn switch_on(&mut self) -> Result<(), Error>;
 
     /// Largest stack use since the start; `None` if not measured or without an answer.
     fn stack(&mut self) -> Option<StackUse> {
@@ -216,7 +216,7 @@ pub trait Target: Send {
     }
 
     /// Report of the board, without a request to the board.
-    fn report(&self) -> Report;
+    fn report(&self) -> TargetReport;
 }
 
 /// All boards of a robot, in this process.

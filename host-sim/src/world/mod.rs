@@ -82,7 +82,8 @@ pub struct World {
     /// The bus between the boards.
     pub bus: BusConfig,
     /// Standard deviations of start and floor drift, as configured in the boards.
-    pub told: ToldOfPlace,
+    #[serde(rename = "told")]
+    pub placement: PlacementAccuracy,
 }
 
 /// Keys of a world file.
@@ -91,7 +92,7 @@ pub const FIELDS: &[Field] = &[
     table("spread", "Spread from robot to robot.", Spread::KIND),
     table("sensors", "Sensors.", SensorConfig::KIND),
     table("bus", "The bus between the boards.", BusConfig::KIND),
-    table("told", "What the robot is told.", ToldOfPlace::KIND),
+    table("told", "What the robot is told.", PlacementAccuracy::KIND),
 ];
 
 /// The key of a table.
@@ -101,7 +102,7 @@ pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> 
 
 table! {
     /// Standard deviations of start posture and floor drift, as configured in the boards. A mission may give others.
-    pub struct ToldOfPlace {
+    pub struct PlacementAccuracy {
         /// Standard deviation of the start position along each axis.
         pub placement_m: f64 = 5e-3, "m": NonNegative;
         /// Standard deviation of the start heading.
@@ -121,7 +122,7 @@ impl Default for World {
             spread: Spread::default(),
             sensors: SensorConfig::default(),
             bus: BusConfig::default(),
-            told: ToldOfPlace::default(),
+            placement: PlacementAccuracy::default(),
         }
     }
 }
@@ -211,7 +212,7 @@ impl World {
                  plant.strip_length_m, which is {length}"
             )));
         }
-        within("told", self.told.check_ranges())?;
+        within("told", self.placement.check_ranges())?;
         within("bus", self.bus.check_ranges())?;
         let (late, boards) = (self.bus.late_ms.len(), ROBOT.board_count());
         match late == boards {
@@ -267,8 +268,8 @@ impl World {
     /// True positions of one robot's gauges on the strip of each frame.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
         let on_frame = |(frame, errors): (usize, &FrameErrors)| {
-            let meant = self.sensors.bridge.gauges_m.iter();
-            meant
+            let nominal = self.sensors.bridge.gauges_m.iter();
+            nominal
                 .zip(errors.gauge_shift_m)
                 .map(|(place, shift)| plant.gauge(frame, place + shift))
                 .collect()
@@ -538,9 +539,9 @@ mod tests {
         let plain = Scenario::default();
         let before = Simulation::new(&plain, 7, 3).unwrap().truth();
         let mut changed = 0;
-        let mut told = toml::Table::try_from(plain.robot).unwrap();
-        for_each_number(&mut told, &mut |told, number| {
-            let robot: Result<RobotConfig, _> = told.clone().try_into();
+        let mut table = toml::Table::try_from(plain.robot).unwrap();
+        for_each_number(&mut table, &mut |table, number| {
+            let robot: Result<RobotConfig, _> = table.clone().try_into();
             let Ok(robot) = robot else { return };
             let mut scenario = plain.clone();
             scenario.robot = robot;
@@ -556,13 +557,13 @@ mod tests {
         let robot = Simulation::new(&other, 7, 3).unwrap();
         assert!(robot.truth() != before);
         // The boards get the bridge zeros at a straight edge, and nothing else of the drawn robot.
-        let told = [&plain, &other].map(|scenario| {
-            let mut told =
+        let configs = [&plain, &other].map(|scenario| {
+            let mut config =
                 crate::run::rig::board_config(scenario, &scenario.world.draw(Topology::PAIR, 7, 3));
-            told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
-            told
+            config.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
+            config
         });
-        assert_eq!(told[0], told[1]);
+        assert_eq!(configs[0], configs[1]);
     }
 
     #[test]

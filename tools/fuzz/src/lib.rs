@@ -3,7 +3,6 @@
 //! Input-reading modules of other crates are compiled here by path, because live server and command line would take
 //! most of the build time.
 
-pub mod attendant_model;
 #[path = "../../../crates/recording/src/entry.rs"]
 pub mod entry;
 #[path = "../../../crates/cfmmr/src/experiments/eval/mod.rs"]
@@ -13,5 +12,6 @@ mod intact;
 pub mod numbers;
 #[path = "../../../crates/recording/src/log/read.rs"]
 pub mod read;
+pub mod run_link_model;
 #[path = "../../../crates/recording/src/schema.rs"]
 pub mod schema;

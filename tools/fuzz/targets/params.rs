@@ -60,7 +60,7 @@ fuzz_target!(|data: &[u8]| {
     let range = flash.range();
     let mut store = Store::new(flash, range).unwrap();
     let base = Settings::default();
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     let flash = store.into_flash();
     assert!(flash.bytes == held, "loading writes nothing");
     for (parameter, source) in TABLE.iter().zip(report.sources) {
@@ -81,7 +81,7 @@ fuzz_target!(|data: &[u8]| {
         let flash = save(flash, &saved);
         let range = flash.range();
         let mut store = Store::new(flash, range).unwrap();
-        let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+        let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
         assert!(settings == saved && report.conditions().is_empty());
     }
 });

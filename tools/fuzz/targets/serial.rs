@@ -7,14 +7,14 @@ use core_algos::link::framing::{MAX_FRAME, SerialFrame, crc32c};
 use core_algos::link::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
-use core_algos::link::{Endpoint, Identity};
+use core_algos::link::{Identity, SimLink};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::{Role, Wheels};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
 /// Boards whose nodes run.
-static STARTED: LazyLock<[Endpoint; 3]> = LazyLock::new(|| Role::PAIR.map(started));
+static STARTED: LazyLock<[SimLink; 3]> = LazyLock::new(|| Role::PAIR.map(started));
 
 fn identity(role: Role) -> Identity {
     Identity {
@@ -23,7 +23,7 @@ fn identity(role: Role) -> Identity {
     }
 }
 
-fn started(role: Role) -> Endpoint {
+fn started(role: Role) -> SimLink {
     let mut room = [0; MAX_CONFIG];
     let config = postcard::to_slice(&RobotConfig::default(), &mut room).unwrap();
     let hello = Request::Hello {
@@ -44,7 +44,7 @@ fn started(role: Role) -> Endpoint {
         tick: 0,
         place: None,
     });
-    let mut board = Endpoint::new(identity(role), StackUse::unknown);
+    let mut board = SimLink::new(identity(role), StackUse::unknown);
     for (number, request) in (0..).zip(&requests) {
         board.receive(
             protocol::encode(number, request).unwrap().bytes(),
@@ -60,7 +60,7 @@ fuzz_target!(|data: &[u8]| {
     let kind = bytes.byte();
     let role = Role::PAIR[usize::from(kind) % 3];
     let mut board = match kind & 0x80 {
-        0 => Endpoint::new(identity(role), StackUse::unknown),
+        0 => SimLink::new(identity(role), StackUse::unknown),
         _ => STARTED[usize::from(kind) % 3].clone(),
     };
     if kind & 0x40 == 0 {
@@ -103,7 +103,7 @@ fuzz_target!(|data: &[u8]| {
 });
 
 /// Payload of the only answer to a frame.
-fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
+fn answer(board: &mut SimLink, frame: &[u8], role: Role) -> Vec<u8> {
     let mut payloads = Vec::new();
     let mut send = |answer: &[u8]| payloads.push(check(answer, role));
     board.receive(frame, &mut send);
@@ -113,7 +113,7 @@ fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
 }
 
 /// Ends a save with a failure, as a store that cannot be written does.
-fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
+fn fail_to_save(board: &mut SimLink, send: &mut impl FnMut(&[u8])) {
     if let Some(save) = board.save() {
         assert!(save.settings.check(board.stored().role()).is_ok());
         board.saved(None, send);

@@ -94,7 +94,7 @@ fn files(root: &Path, paths: &[PathBuf]) -> Result<Vec<String>> {
 }
 
 /// Order in which the changes of a file are tried: rules in turn, changes of a rule in random order.
-fn drawn(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
+fn shuffled_by_rule(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
     let mut random = file
         .bytes()
         .fold(seed, |hash, byte| next(hash ^ u64::from(byte)));
@@ -108,8 +108,8 @@ fn drawn(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
             sites.swap(i, (random % (i as u64 + 1)) as usize);
         }
     }
-    let most = by_rule.values().map(Vec::len).max().unwrap_or(0);
-    (0..most)
+    let longest = by_rule.values().map(Vec::len).max().unwrap_or(0);
+    (0..longest)
         .flat_map(|k| by_rule.values().filter_map(move |sites| sites.get(k)))
         .cloned()
         .collect()
@@ -124,7 +124,7 @@ fn next(state: u64) -> u64 {
 }
 
 /// Possible changes of each file, in the order in which they are tried.
-fn possible(root: &Path, arguments: &Arguments) -> Result<BTreeMap<String, Vec<Site>>> {
+fn sites_by_file(root: &Path, arguments: &Arguments) -> Result<BTreeMap<String, Vec<Site>>> {
     let all = files(root, &[PathBuf::from("core-algos/src")])?;
     let mut times = BTreeSet::new();
     for file in &all {
@@ -132,16 +132,16 @@ fn possible(root: &Path, arguments: &Arguments) -> Result<BTreeMap<String, Vec<S
             root.join(file),
         )?)?);
     }
-    let mut possible = BTreeMap::new();
+    let mut sites_by_file = BTreeMap::new();
     for file in files(root, &arguments.paths)? {
         let text = std::fs::read_to_string(root.join(&file))?;
         let mut sites = rules::sites(&text, &times).with_context(|| file.clone())?;
         if !arguments.rules.is_empty() {
             sites.retain(|site| arguments.rules.contains(&site.rule));
         }
-        possible.insert(file.clone(), drawn(sites, arguments.seed, &file));
+        sites_by_file.insert(file.clone(), shuffled_by_rule(sites, arguments.seed, &file));
     }
-    Ok(possible)
+    Ok(sites_by_file)
 }
 
 /// Text of a change on one line.
@@ -152,7 +152,7 @@ fn one_line(text: &str) -> String {
 
 fn mutants(root: &Path, arguments: &Arguments) -> Result<Vec<Mutant>> {
     let mut mutants = Vec::new();
-    for (file, sites) in possible(root, arguments)? {
+    for (file, sites) in sites_by_file(root, arguments)? {
         let text = std::fs::read_to_string(root.join(&file))?;
         for site in sites {
             mutants.push(Mutant {
@@ -162,8 +162,8 @@ fn mutants(root: &Path, arguments: &Arguments) -> Result<Vec<Mutant>> {
                 rule: site.rule,
                 before: one_line(&text[site.bytes.clone()]),
                 after: match &site.form {
-                    rules::Form::Instead(text) => one_line(text),
-                    rules::Form::LeftOut => String::new(),
+                    rules::Form::Replaced(text) => one_line(text),
+                    rules::Form::Removed => String::new(),
                 },
                 site,
             });

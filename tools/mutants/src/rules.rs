@@ -38,9 +38,9 @@ pub enum Rule {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Form {
     /// An expression is replaced by this text.
-    Instead(String),
+    Replaced(String),
     /// A statement is removed.
-    LeftOut,
+    Removed,
 }
 
 /// A possible change.
@@ -115,8 +115,8 @@ impl Finder<'_> {
         });
     }
 
-    fn instead(&mut self, rule: Rule, span: Span, text: impl Into<String>) {
-        self.add(rule, span, Form::Instead(text.into()));
+    fn replace(&mut self, rule: Rule, span: Span, text: impl Into<String>) {
+        self.add(rule, span, Form::Replaced(text.into()));
     }
 
     /// Expression with a part replaced.
@@ -150,16 +150,16 @@ impl Finder<'_> {
                     let other = if op == "&&" { "||" } else { "&&" };
                     let [left, right] =
                         [&expr.left, &expr.right].map(|side| self.of(side.span()).to_owned());
-                    self.instead(Rule::AnyAll, span, format!("({left}) {other} ({right})"));
-                    self.instead(Rule::Guard, span, left);
-                    self.instead(Rule::Guard, span, right);
+                    self.replace(Rule::AnyAll, span, format!("({left}) {other} ({right})"));
+                    self.replace(Rule::Guard, span, left);
+                    self.replace(Rule::Guard, span, right);
                 }
                 return;
             }
             _ => return,
         };
         let text = self.with(span, expr.op.span(), &to);
-        self.instead(rule, span, text);
+        self.replace(rule, span, text);
     }
 
     fn method(&mut self, call: &ExprMethodCall) {
@@ -180,11 +180,11 @@ impl Finder<'_> {
             if name == "is_some_and" {
                 text = format!("({text})");
             }
-            self.instead(Rule::AnyAll, span, text);
+            self.replace(Rule::AnyAll, span, text);
         }
         if ["filter", "min", "max", "take", "skip"].contains(&name.as_str()) {
             let receiver = self.of(call.receiver.span()).to_owned();
-            self.instead(Rule::Guard, span, receiver);
+            self.replace(Rule::Guard, span, receiver);
         }
         let opposite = match name.as_str() {
             "is_some" => "is_none",
@@ -192,7 +192,7 @@ impl Finder<'_> {
             _ => return,
         };
         let text = self.with(span, call.method.span(), opposite);
-        self.instead(Rule::Guard, span, text);
+        self.replace(Rule::Guard, span, text);
     }
 
     /// Removes one pattern of a `matches!`.
@@ -211,7 +211,7 @@ impl Finder<'_> {
         let whole = span.byte_range();
         if bars.is_empty() {
             let negated = format!("!{}", self.of(span));
-            return self.instead(Rule::Guard, span, negated);
+            return self.replace(Rule::Guard, span, negated);
         }
         let mut starts = vec![comma + 1];
         starts.extend(bars.iter().map(|bar| bar + 1));
@@ -227,7 +227,7 @@ impl Finder<'_> {
                 &self.text[whole.start..from],
                 &self.text[to..whole.end]
             );
-            self.instead(Rule::Guard, span, text);
+            self.replace(Rule::Guard, span, text);
         }
     }
 
@@ -240,7 +240,7 @@ impl Finder<'_> {
         let unit = ["_s", "_ms", "_us"].iter().any(|unit| name.ends_with(unit));
         if self.times.contains(name) || (!is_rate(name) && (named || unit)) {
             let text = format!("crate::mutant::longer({})", self.of(span));
-            self.instead(Rule::Time, span, text);
+            self.replace(Rule::Time, span, text);
         }
     }
 
@@ -270,8 +270,8 @@ impl Finder<'_> {
             Expr::Unary(unary) => {
                 let operand = self.of(unary.expr.span()).to_owned();
                 match unary.op {
-                    UnOp::Neg(_) => self.instead(Rule::Sign, span, operand),
-                    UnOp::Not(_) => self.instead(Rule::Guard, span, operand),
+                    UnOp::Neg(_) => self.replace(Rule::Sign, span, operand),
+                    UnOp::Not(_) => self.replace(Rule::Guard, span, operand),
                     _ => {}
                 }
             }
@@ -282,7 +282,7 @@ impl Finder<'_> {
                 let name = last.ident.to_string();
                 if let Some(other) = Self::pair(&name) {
                     let text = self.with(span, last.ident.span(), other);
-                    self.instead(Rule::Swap, span, text);
+                    self.replace(Rule::Swap, span, text);
                 }
                 self.time(&name, span);
             }
@@ -291,7 +291,7 @@ impl Finder<'_> {
                     let name = ident.to_string();
                     if let Some(other) = Self::pair(&name) {
                         let text = self.with(span, ident.span(), other);
-                        self.instead(Rule::Swap, span, text);
+                        self.replace(Rule::Swap, span, text);
                     }
                     self.time(&name, span);
                 }
@@ -306,18 +306,18 @@ impl Finder<'_> {
                         _ => return,
                     };
                     let text = self.with(span, lit.span(), other);
-                    self.instead(Rule::Swap, span, text);
+                    self.replace(Rule::Swap, span, text);
                 }
             }
             Expr::If(expr) if !has_let(&expr.cond) => {
-                let ends = expr.else_branch.is_none() && leaves(&expr.then_branch);
+                let ends = expr.else_branch.is_none() && ends_in_jump(&expr.then_branch);
                 let text = if ends { "false" } else { "true" };
-                self.instead(Rule::Guard, expr.cond.span(), text);
+                self.replace(Rule::Guard, expr.cond.span(), text);
             }
             Expr::Match(expr) => {
                 for (_, guard) in expr.arms.iter().filter_map(|arm| arm.guard.as_ref()) {
                     if !has_let(guard) {
-                        self.instead(Rule::Guard, guard.span(), "true");
+                        self.replace(Rule::Guard, guard.span(), "true");
                     }
                 }
             }
@@ -361,13 +361,13 @@ impl<'ast> Visit<'ast> for Finder<'_> {
     }
 
     fn visit_item_fn(&mut self, item: &'ast ItemFn) {
-        if runs(&item.vis, &item.sig) {
+        if may_run(&item.vis, &item.sig) {
             self.visit_block(&item.block);
         }
     }
 
     fn visit_impl_item_fn(&mut self, item: &'ast ImplItemFn) {
-        if runs(&item.vis, &item.sig) {
+        if may_run(&item.vis, &item.sig) {
             self.visit_block(&item.block);
         }
     }
@@ -387,17 +387,17 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             if let Stmt::Expr(expr, Some(_)) = stmt {
                 match expr {
                     Expr::Assign(assign) => {
-                        let rule = if resets(&assign.right) {
+                        let rule = if is_initial_value(&assign.right) {
                             Rule::Reset
                         } else {
                             Rule::Stale
                         };
-                        self.add(rule, stmt.span(), Form::LeftOut);
+                        self.add(rule, stmt.span(), Form::Removed);
                     }
                     Expr::Binary(binary) if is_update(&binary.op) => {
-                        self.add(Rule::Stale, stmt.span(), Form::LeftOut);
+                        self.add(Rule::Stale, stmt.span(), Form::Removed);
                     }
-                    Expr::MethodCall(_) => self.add(Rule::Reset, stmt.span(), Form::LeftOut),
+                    Expr::MethodCall(_) => self.add(Rule::Reset, stmt.span(), Form::Removed),
                     _ => {}
                 }
             }
@@ -438,7 +438,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
 }
 
 /// True for a function that may run at run time; private `const` functions are taken as evaluated by the compiler.
-fn runs(visibility: &Visibility, signature: &Signature) -> bool {
+fn may_run(visibility: &Visibility, signature: &Signature) -> bool {
     signature.constness.is_none() || matches!(visibility, Visibility::Public(_))
 }
 
@@ -464,16 +464,16 @@ fn is_update(op: &BinOp) -> bool {
 }
 
 /// True if the value is an initial value: a literal, constant, `default()` or `new()`.
-fn resets(value: &Expr) -> bool {
+fn is_initial_value(value: &Expr) -> bool {
     match value {
         Expr::Lit(_) => true,
         Expr::Path(path) => path.path.segments.last().is_some_and(|last| {
             let name = last.ident.to_string();
             name.starts_with(char::is_uppercase)
         }),
-        Expr::Array(array) => array.elems.iter().all(resets),
-        Expr::Tuple(tuple) => tuple.elems.iter().all(resets),
-        Expr::Repeat(repeat) => resets(&repeat.expr),
+        Expr::Array(array) => array.elems.iter().all(is_initial_value),
+        Expr::Tuple(tuple) => tuple.elems.iter().all(is_initial_value),
+        Expr::Repeat(repeat) => is_initial_value(&repeat.expr),
         Expr::Call(call) => match &*call.func {
             Expr::Path(path) => {
                 let last = path.path.segments.last().map(|last| last.ident.to_string());
@@ -495,7 +495,7 @@ fn has_let(expr: &Expr) -> bool {
 }
 
 /// True if a block ends with `return`, `continue` or `break`.
-fn leaves(block: &Block) -> bool {
+fn ends_in_jump(block: &Block) -> bool {
     let last = block.stmts.last();
     let Some(Stmt::Expr(expr, _)) = last else {
         return false;

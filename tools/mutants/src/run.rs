@@ -39,7 +39,7 @@ pub struct Tests {
     program: PathBuf,
     folder: PathBuf,
     /// Timeout of the tests by module.
-    patience: BTreeMap<String, Duration>,
+    timeouts: BTreeMap<String, Duration>,
 }
 
 impl Tests {
@@ -48,16 +48,16 @@ impl Tests {
         let mut tests = Self {
             program: program.to_owned(),
             folder: folder.to_owned(),
-            patience: BTreeMap::new(),
+            timeouts: BTreeMap::new(),
         };
         for module in modules(mutants) {
             let began = Instant::now();
             if let Outcome::Failed(test) = tests.outcome(0, module)? {
                 bail!("{test} fails without a change");
             }
-            let patience = 10 * began.elapsed() + Duration::from_secs(10);
+            let timeout = 10 * began.elapsed() + Duration::from_secs(10);
             eprintln!("tests of {module}: {:.1} s", began.elapsed().as_secs_f64());
-            tests.patience.insert(module.to_owned(), patience);
+            tests.timeouts.insert(module.to_owned(), timeout);
         }
         Ok(tests)
     }
@@ -108,9 +108,9 @@ impl Tests {
             }
         });
         let end = self
-            .patience
+            .timeouts
             .get(module)
-            .map(|patience| Instant::now() + *patience);
+            .map(|timeout| Instant::now() + *timeout);
         let failed = loop {
             let left = end.map_or(Duration::from_secs(3600), |end| {
                 end.saturating_duration_since(Instant::now())

@@ -104,7 +104,7 @@ impl Tree {
             for (file, mutants) in &files {
                 let text = fs::read_to_string(root.join(file))?;
                 let chosen = &mutants[..per_file.min(mutants.len())];
-                let (text, found) = changed(&text, chosen);
+                let (text, found) = with_switches(&text, chosen);
                 write(&self.folder.join(file), text.as_bytes())?;
                 parts.insert(file.clone(), found);
             }
@@ -115,13 +115,13 @@ impl Tree {
                     .flat_map(|mutants| mutants.into_iter().take(per_file));
                 return Ok((chosen.collect(), program));
             }
-            let refused = refused(&parts, &errors);
-            if refused.is_empty() || round > 40 {
+            let failing_changes = failing_changes(&parts, &errors);
+            if failing_changes.is_empty() || round > 40 {
                 let text: Vec<_> = errors.iter().map(|error| error.text.as_str()).collect();
                 bail!("the changed crate does not build:\n{}", text.join("\n"));
             }
             for mutants in files.values_mut() {
-                mutants.retain(|mutant| !refused.contains(&mutant.number));
+                mutants.retain(|mutant| !failing_changes.contains(&mutant.number));
             }
         }
         unreachable!()
@@ -218,7 +218,7 @@ impl Error {
 }
 
 /// Numbers of the changes that cause the errors: at each error, the innermost change.
-fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<usize> {
+fn failing_changes(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<usize> {
     let at = |(file, byte): &(String, usize)| {
         let within = |part: &&Part| (part.from..part.to).contains(byte);
         let parts = parts.get(file)?.iter().filter(within);
@@ -233,7 +233,7 @@ fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<us
 }
 
 /// Text with each change behind its switch, and the byte range of each change.
-fn changed(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
+fn with_switches(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     let mut order: Vec<&Mutant> = mutants.iter().collect();
     // A change that contains others precedes them.
     order.sort_by_key(|mutant| (mutant.site.bytes.start, usize::MAX - mutant.site.bytes.end));
@@ -265,17 +265,17 @@ fn insert(
         let from = to.len();
         let number = first.number;
         match &first.site.form {
-            Form::Instead(change) => {
+            Form::Replaced(change) => {
                 to.push_str(&format!(
                     "(if crate::mutant::on({number}) {{ {change} }} else {{ "
                 ));
             }
-            Form::LeftOut => to.push_str(&format!("if !crate::mutant::on({number}) {{ ")),
+            Form::Removed => to.push_str(&format!("if !crate::mutant::on({number}) {{ ")),
         }
         insert(text, bytes.clone(), inner, to, parts);
         to.push_str(match first.site.form {
-            Form::Instead(_) => " })",
-            Form::LeftOut => " }",
+            Form::Replaced(_) => " })",
+            Form::Removed => " }",
         });
         parts.push(Part {
             number,

@@ -8,7 +8,7 @@ struct Part {
     bytes: usize,
     noise: u32,
     yaw_counts: i16,
-    mute: bool,
+    silent: bool,
     frozen: bool,
 }
 
@@ -20,7 +20,7 @@ impl Part {
             bytes: 0,
             noise: 1,
             yaw_counts: 0,
-            mute: false,
+            silent: false,
             frozen: false,
         };
         part.reset();
@@ -81,7 +81,7 @@ impl Part {
         for (address, byte) in (first..).zip(&mut bytes[1..]) {
             let bank = if address == 0x76 { 0 } else { self.bank };
             let cell = &mut self.banks[bank][address];
-            match (read, self.mute) {
+            match (read, self.silent) {
                 (true, true) => *byte = 0xff,
                 (true, false) => {
                     *byte = *cell;
@@ -212,18 +212,18 @@ fn a_changed_register_is_found_and_a_disturbed_transfer_is_not_a_loss() {
         assert!(steps <= 9 * 17 + 2, "{address:#x}: {steps}");
     }
     let (mut sensor, mut part) = after(1200);
-    let mut asked = 0;
+    let mut requests = 0;
     for _ in 0..3000 {
         sensor.step(false, |bytes| {
             let done = part.transfer(bytes);
             if bytes.len() == 2 {
-                asked += 1;
-                bytes[1] ^= if asked % 2 == 0 { 0x80 } else { 0 };
+                requests += 1;
+                bytes[1] ^= if requests % 2 == 0 { 0x80 } else { 0 };
             }
             done
         });
     }
-    assert!(asked > 100);
+    assert!(requests > 100);
     assert!(!sensor.is_lost());
 }
 
@@ -244,14 +244,14 @@ fn stuck_line_or_frozen_sample_loses_the_sensor() {
     }
     // Line high: the status reports a reset.
     let (mut sensor, mut part) = after(1200);
-    part.mute = true;
+    part.silent = true;
     step(&mut sensor, &mut part, false);
     assert!(sensor.is_lost());
     // The set-up is repeated until the sensor answers.
     for _ in 0..1000 {
         assert_eq!(step(&mut sensor, &mut part, true), Reading::default());
     }
-    part.mute = false;
+    part.silent = false;
     rest(&mut sensor, &mut part, 1300);
     assert!(!sensor.is_lost());
 
@@ -282,7 +282,7 @@ fn a_failed_transfer_in_the_set_up_leaves_no_wrong_register() {
 #[test]
 fn absent_sensor_is_lost() {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
-    part.mute = true;
+    part.silent = true;
     rest(&mut sensor, &mut part, 10);
     assert!(sensor.is_lost() && !sensor.is_set_up());
 }

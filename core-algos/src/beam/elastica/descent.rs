@@ -1,6 +1,6 @@
 //! Descents of the fit: damped Gauss–Newton steps, one shape each.
 
-use super::minimum::{Minimum, told};
+use super::minimum::{Minimum, determines_load};
 use super::ray::Parameters;
 use super::{CONVERGED, Readings, Solver, bounded};
 use crate::math::matrix::{cholesky, cholesky_solve};
@@ -89,15 +89,15 @@ impl Solver {
         };
         let step = cholesky_solve(&factor, &lowest.normal.descent);
         // Predicted decrease of the cost by the step, in squared standard deviations.
-        let mut promise = 0.0;
+        let mut decrease = 0.0;
         for i in 0..3 {
-            promise += step[i] * lowest.normal.descent[i];
+            decrease += step[i] * lowest.normal.descent[i];
         }
         // The refinement that follows repeats this step, so the predicted cost is enough for comparisons. With a
         // large load the step is computed.
         let modest = lowest.parameters[1].abs() <= self.large_load();
-        if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {
-            lowest.normal.cost -= promise;
+        if *damping == 0.0 && modest && decrease < CLOSE && determines_load(&lowest.normal) {
+            lowest.normal.cost -= decrease;
             (lowest.converged, *done) = (true, true);
             return;
         }
@@ -116,7 +116,7 @@ impl Solver {
         } else {
             *damping = 10.0 * *damping + 1e-2;
         }
-        if promise < CONVERGED {
+        if decrease < CONVERGED {
             (lowest.converged, *done) = (true, true);
         }
     }

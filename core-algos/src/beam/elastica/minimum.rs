@@ -37,19 +37,19 @@ impl Minimum {
 }
 
 /// True if the strains alone determine the load.
-pub(super) fn told(normal: &Normal) -> bool {
+pub(super) fn determines_load(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
 }
 
 /// Decrease of the cost predicted by the Gauss–Newton step.
-pub(super) fn promise(normal: &Normal) -> Option<f32> {
+pub(super) fn predicted_decrease(normal: &Normal) -> Option<f32> {
     let step = cholesky_solve(&cholesky(&normal.hessian)?, &normal.descent);
-    let mut promise = 0.0;
+    let mut decrease = 0.0;
     for i in 0..3 {
-        promise += step[i] * normal.descent[i];
+        decrease += step[i] * normal.descent[i];
     }
-    Some(promise)
+    Some(decrease)
 }
 
 /// True if the residual shows that the readings are far more accurate than stated.

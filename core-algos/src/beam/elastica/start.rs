@@ -48,8 +48,8 @@ impl Solver {
                 chi_square += weights[i] * residual * residual;
             }
             // At the middle, θ = 0 and κ' = −f_y; the rest of the load is axial.
-            let along = -sqrt((load * load - slope * slope).max(0.0));
-            let mut found = (chi_square, bounded([middle, along, -slope]));
+            let axial = -sqrt((load * load - slope * slope).max(0.0));
+            let mut found = (chi_square, bounded([middle, axial, -slope]));
             for slot in &mut best {
                 if found.0 < slot.0 {
                     core::mem::swap(slot, &mut found);

@@ -366,10 +366,10 @@ fn waves_are_the_three_best_small_deflection_fits() {
                 let [middle, slope, _] = solved(matrix, [right[0], right[1], 0.0]);
                 let residual =
                     |i: usize| f64::from(k[i]) - wave(i)[0] * middle - wave(i)[1] * slope;
-                let along = (load * load - slope * slope).max(0.0).sqrt();
+                let axial = (load * load - slope * slope).max(0.0).sqrt();
                 (
                     sum(&|i| residual(i) * residual(i)),
-                    [middle, -along, -slope],
+                    [middle, -axial, -slope],
                 )
             })
             .collect();
@@ -456,23 +456,23 @@ fn descent_takes_damped_steps_and_keeps_the_lower_point() {
             }
             let right = from.normal.descent.map(f64::from);
             let step = solved(hessian, right);
-            let promise: f64 = (0..3).map(|i| step[i] * right[i]).sum();
+            let decrease: f64 = (0..3).map(|i| step[i] * right[i]).sum();
             let near_a_threshold = [1e-2, 4.0]
                 .iter()
-                .any(|at| (promise / at - 1.0).abs() < 0.02);
+                .any(|at| (decrease / at - 1.0).abs() < 0.02);
             let leaves = before.damping == 0.0
                 && from.parameters[1].abs() <= 12.0
-                && promise < 4.0
-                && told(&from.normal);
+                && decrease < 4.0
+                && determines_load(&from.normal);
             if near_a_threshold {
                 continue;
             }
             if leaves {
                 left += 1;
                 assert!(descent.done && descent.lowest.converged && evaluations == count);
-                let cost = f64::from(from.normal.cost) - promise;
+                let cost = f64::from(from.normal.cost) - decrease;
                 assert!(
-                    (f64::from(descent.lowest.normal.cost) - cost).abs() < 1e-2 * (1.0 + promise)
+                    (f64::from(descent.lowest.normal.cost) - cost).abs() < 1e-2 * (1.0 + decrease)
                 );
                 assert_eq!(descent.lowest.parameters, from.parameters);
                 continue;
@@ -483,17 +483,17 @@ fn descent_takes_damped_steps_and_keeps_the_lower_point() {
             } else {
                 rejected += 1;
             }
-            let small = promise < 1e-2;
+            let small = decrease < 1e-2;
             assert_eq!(
                 (descent.done, descent.lowest.converged),
                 (small, small),
-                "{promise}"
+                "{decrease}"
             );
             settled += usize::from(small);
         }
     }
-    let seen = [rejected, settled, left, damped];
-    assert!(seen.iter().all(|seen| *seen > 20), "{seen:?}");
+    let counts = [rejected, settled, left, damped];
+    assert!(counts.iter().all(|count| *count > 20), "{counts:?}");
 }
 
 #[test]
@@ -624,19 +624,27 @@ fn load_is_determined_if_the_prior_decides_less_than_a_tenth() {
     // The inverse has 0.5 and 0.25 on the diagonal for the forces.
     normal.hessian = [[8.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]];
     normal.descent = [4.0, -1.0, 8.0];
-    assert_eq!(promise(&normal), Some(2.0 + 0.5 + 16.0));
+    assert_eq!(predicted_decrease(&normal), Some(2.0 + 0.5 + 16.0));
     let limit = 0.1f32 / 0.75;
-    for (prior, told) in [(limit * 1.001, false), (limit * 0.999, true), (0.3, false)] {
+    for (prior, determined) in [(limit * 1.001, false), (limit * 0.999, true), (0.3, false)] {
         normal.prior = prior;
-        assert_eq!(super::minimum::told(&normal), told, "{prior}");
+        assert_eq!(
+            super::minimum::determines_load(&normal),
+            determined,
+            "{prior}"
+        );
     }
     normal.hessian[2][2] = 2.0;
-    for (prior, told) in [(0.1, false), (0.1f32.next_down(), true)] {
+    for (prior, determined) in [(0.1, false), (0.1f32.next_down(), true)] {
         normal.prior = prior;
-        assert_eq!(super::minimum::told(&normal), told, "{prior}");
+        assert_eq!(
+            super::minimum::determines_load(&normal),
+            determined,
+            "{prior}"
+        );
     }
     normal.hessian[1][1] = 0.0;
-    assert!(!super::minimum::told(&normal) && promise(&normal).is_none());
+    assert!(!super::minimum::determines_load(&normal) && predicted_decrease(&normal).is_none());
 }
 
 /// The prior decides the axial force of a straight strip, both forces under large noise, and no force of a bent
@@ -714,9 +722,9 @@ fn a_wrench_is_finite_if_all_its_numbers_are() {
 
 /// The significant part of a force F with variance P is F − 4 P/F.
 #[test]
-fn vouched_force_is_zero_within_two_standard_deviations() {
+fn significant_force_is_zero_within_two_standard_deviations() {
     let posture = crate::math::Posture::new(0.3, 0.1, 0.5);
-    for (force, variance, vouched) in [
+    for (force, variance, significant) in [
         (10.0, 9.0, 6.4),
         (-10.0, 9.0, -6.4),
         (6.0, 9.0, 0.0),
@@ -725,9 +733,9 @@ fn vouched_force_is_zero_within_two_standard_deviations() {
         (0.0, 0.0, 0.0),
         (3.0, 0.0, 3.0),
     ] {
-        let (mut along, mut across) = ([[50.0; 3]; 3], [[50.0; 3]; 3]);
-        (along[0][0], across[1][1]) = (variance, variance);
-        for (fx, fy, covariance) in [(force, 0.0, along), (0.0, force, across)] {
+        let (mut axial, mut lateral) = ([[50.0; 3]; 3], [[50.0; 3]; 3]);
+        (axial[0][0], lateral[1][1]) = (variance, variance);
+        for (fx, fy, covariance) in [(force, 0.0, axial), (0.0, force, lateral)] {
             let (root_moment, tip_moment) = (0.7, f32::NAN);
             let wrench = Wrench {
                 fx,
@@ -736,11 +744,11 @@ fn vouched_force_is_zero_within_two_standard_deviations() {
                 tip_moment,
                 covariance,
             };
-            let found = wrench.vouched(posture);
+            let found = wrench.significant(posture);
             let (fx, fy) = if fx != 0.0 {
-                (vouched, 0.0)
+                (significant, 0.0)
             } else {
-                (0.0, vouched)
+                (0.0, significant)
             };
             let moment = 0.7 + 0.1 * fx - 0.3 * fy;
             for (found, expected) in [(found.fx, fx), (found.fy, fy), (found.tip_moment, moment)] {
@@ -1052,21 +1060,24 @@ fn drifted_zeros_of_a_straight_strip_give_no_significant_force() {
     let solver = solver(&gauss(), |_| {});
     let all = solver.strip.gauges;
     let mut random = Random(7);
-    let (mut trusting, mut told) = (0, 0);
+    let (mut without_drift, mut significant_forces) = (0, 0);
     for _ in 0..400 {
         let zeros: [f32; MAX_GAUGES] =
             core::array::from_fn(|_| (4e-6 / 0.5e-3 * random.normal()) as f32);
         let large = |wrench: Wrench| usize::from(wrench.fx.hypot(wrench.fy) > 25.0);
-        trusting += large(solver.fit(&zeros, all).unwrap().wrench);
+        without_drift += large(solver.fit(&zeros, all).unwrap().wrench);
         let fit = solver
             .fit_within(&zeros, all, 16e-12, MAX_EVALUATIONS)
             .unwrap();
-        let vouched = fit.wrench.vouched(fit.relative.posture);
-        told += large(vouched);
+        let significant = fit.wrench.significant(fit.relative.posture);
+        significant_forces += large(significant);
         // The heading is about 0.7 mrad a microstrain of the mean reading.
         assert!(fit.relative.posture.phi.abs() < 0.02);
     }
-    assert!(trusting > 40 && told == 0, "{trusting} {told}");
+    assert!(
+        without_drift > 40 && significant_forces == 0,
+        "{without_drift} {significant_forces}"
+    );
 }
 
 /// A bent strip determines its force even with drifted zeros, and the wrench stays in balance.
@@ -1092,7 +1103,7 @@ fn force_of_a_bent_strip_is_significant_despite_drifted_zeros() {
         square += error * error / 400.0;
         claimed += f64::from(fit.wrench.covariance[0][0]) / 400.0;
         let p = fit.relative.posture;
-        let w = fit.wrench.vouched(p);
+        let w = fit.wrench.significant(p);
         assert!((f64::from(w.fx) - sign * 40.0).abs() < 12.0, "{w:?}");
         let balance = w.root_moment + w.fx * p.y - w.fy * p.x - w.tip_moment;
         assert!(balance.abs() < 1e-4, "{w:?}");

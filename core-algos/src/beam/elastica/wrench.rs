@@ -4,7 +4,7 @@ use crate::math::Posture;
 use crate::math::matrix::{Mat3, is_finite};
 
 /// Standard deviations within which a force is not significant.
-const VOUCHED: f32 = 2.0;
+const SIGNIFICANT_SIGMAS: f32 = 2.0;
 
 /// Wrench of the strip on the axles, in the rear axle's frame.
 ///
@@ -39,14 +39,14 @@ impl Wrench {
     /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within two standard
     /// deviations. `posture` is that of the front axle, for the balance of moments. The strains of a nearly straight
     /// strip do not determine the axial force; the fitted force must neither stop the robot nor drive its motors.
-    pub fn vouched(&self, posture: Posture) -> Self {
-        let sure = |force: f32, variance: f32| {
-            let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
+    pub fn significant(&self, posture: Posture) -> Self {
+        let significant = |force: f32, variance: f32| {
+            let share = 1.0 - SIGNIFICANT_SIGMAS * SIGNIFICANT_SIGMAS * variance / (force * force);
             // The share is NaN or −∞ for a force of zero.
             if share > 0.0 { share * force } else { 0.0 }
         };
-        let fx = sure(self.fx, self.covariance[0][0]);
-        let fy = sure(self.fy, self.covariance[1][1]);
+        let fx = significant(self.fx, self.covariance[0][0]);
+        let fy = significant(self.fy, self.covariance[1][1]);
         Self {
             fx,
             fy,

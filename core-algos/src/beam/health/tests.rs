@@ -73,7 +73,7 @@ fn pass_window(monitor: &Monitor, state: &mut State, mask: GaugeMask, ranges: [i
         for (i, range) in ranges.into_iter().enumerate().filter(|it| it.1 != NONE) {
             // Counts in the middle, then at the upper and at the lower end of the range.
             let offset = [range / 2, range, 0][(period as usize / 10).min(2)];
-            state.see(i, 2000 + offset);
+            state.add_sample(i, 2000 + offset);
         }
         assert_eq!((state.flat, state.faults), before, "{period}");
         monitor.close_period(state, mask, &[Fault::None; MAX_GAUGES]);
@@ -154,7 +154,7 @@ fn flatness_ignores_foreign_and_latched_gauges_but_counts_faulty_gauges() {
     // The range of extreme counts does not overflow.
     let mut state = State::default();
     for count in [i32::MAX, i32::MIN] {
-        state.see(0, count);
+        state.add_sample(0, count);
     }
     pass_window(&monitor, &mut state, FIVE, [60, 0, 60, 60, 60, 0, 0, 0]);
     assert_eq!(state.flat, GaugeMask(0b10));
@@ -170,7 +170,7 @@ fn contradictions_of_a_suspect_count_until_it_moves() {
         let mut state = State::default();
         for (ranges, fits) in [(flat, 4), (between, 0), (flat, 1)] {
             pass_window(&monitor, &mut state, ALL, ranges);
-            (0..fits).for_each(|_| monitor.judge_flat(&mut state, 0, 1e-3));
+            (0..fits).for_each(|_| monitor.add_flat_difference(&mut state, 0, 1e-3));
         }
         assert_eq!(state.latched() == GaugeMask(1), dead);
     }
@@ -214,8 +214,8 @@ fn suspect_is_dead_after_5_fits_in_a_row_that_contradict_it() {
             ] {
                 for _ in 0..fits {
                     // A second suspect, whose fits agree with its readings, is counted separately.
-                    monitor.judge_flat(&mut state, (gauge + 1) % MAX_GAUGES, within);
-                    monitor.judge_flat(&mut state, gauge, sign * difference);
+                    monitor.add_flat_difference(&mut state, (gauge + 1) % MAX_GAUGES, within);
+                    monitor.add_flat_difference(&mut state, gauge, sign * difference);
                 }
                 let fault = if dead { Fault::Dead } else { Fault::None };
                 assert_eq!(state.faults(), only(gauge, fault), "{difference}");
@@ -241,13 +241,13 @@ fn search_begins_with_the_fifth_bad_fit_in_a_row_of_5_or_more_gauges() {
             let mut state = State::default();
             for (chi_square, fits) in [(good, 9), (residual, 4), (good, 1), (residual, 4)] {
                 for _ in 0..fits {
-                    assert_eq!(monitor.watch(&mut state, used, chi_square), None);
+                    assert_eq!(monitor.add_residual(&mut state, used, chi_square), None);
                 }
             }
             for _ in 0..300 {
-                assert_eq!(monitor.watch(&mut state, used, residual), searched);
+                assert_eq!(monitor.add_residual(&mut state, used, residual), searched);
             }
-            assert_eq!(monitor.watch(&mut state, used, good), None);
+            assert_eq!(monitor.add_residual(&mut state, used, good), None);
         }
     }
 }
@@ -264,19 +264,19 @@ fn before_search() -> State {
 fn search(state: &mut State, used: GaugeMask, residuals: [f32; MAX_GAUGES]) {
     let monitor = monitor();
     for i in used.iter() {
-        assert_eq!(monitor.watch(state, used, 900.0), Some(i));
-        monitor.hear(state, used, i, residuals[i]);
+        assert_eq!(monitor.add_residual(state, used, 900.0), Some(i));
+        monitor.add_residual_without(state, used, i, residuals[i]);
     }
 }
 
 /// Residuals that are `best` without gauge `i`, and 200 without others.
-fn blaming(i: usize, best: f32) -> [f32; MAX_GAUGES] {
+fn small_without(i: usize, best: f32) -> [f32; MAX_GAUGES] {
     core::array::from_fn(|j| if i == j { best } else { 200.0 })
 }
 
 #[test]
 fn gauge_that_alone_explains_the_residual_is_inconsistent_after_2_rounds() {
-    for (used, guilty, other) in [(FIVE, 0, 1), (FIVE, 4, 0), (FIVE, 2, 3), (ALL, 7, 2)] {
+    for (used, faulty, other) in [(FIVE, 0, 1), (FIVE, 4, 0), (FIVE, 2, 3), (ALL, 7, 2)] {
         for (best, second, latched) in [
             (1.0, 200.0, true),
             (15f32.next_down(), 200.0, true),
@@ -287,11 +287,11 @@ fn gauge_that_alone_explains_the_residual_is_inconsistent_after_2_rounds() {
             (f32::NAN, 200.0, false),
             (1.0, f32::INFINITY, false),
         ] {
-            let mut residuals = blaming(guilty, best);
+            let mut residuals = small_without(faulty, best);
             residuals[other] = second;
             if second == f32::INFINITY {
                 // No fit without one gauge has a small residual.
-                residuals = blaming(guilty, f32::INFINITY);
+                residuals = small_without(faulty, f32::INFINITY);
             }
             let mut state = before_search();
             search(&mut state, used, residuals);
@@ -302,14 +302,18 @@ fn gauge_that_alone_explains_the_residual_is_inconsistent_after_2_rounds() {
             } else {
                 Fault::None
             };
-            assert_eq!(state.faults(), only(guilty, fault), "{best} {second}");
+            assert_eq!(state.faults(), only(faulty, fault), "{best} {second}");
         }
     }
 }
 
 #[test]
 fn verdicts_must_be_consecutive_and_against_one_gauge() {
-    let (third, first, unclear) = (blaming(3, 1.0), blaming(0, 1.0), [200.0; MAX_GAUGES]);
+    let (third, first, unclear) = (
+        small_without(3, 1.0),
+        small_without(0, 1.0),
+        [200.0; MAX_GAUGES],
+    );
     for (rounds, latched) in [
         (&[third, third][..], Some(3)),
         (&[third, unclear, third], None),
@@ -333,31 +337,31 @@ fn search_begins_anew_after_a_good_fit_and_after_a_dead_gauge() {
     for dead in [false, true] {
         let mut state = before_search();
         let mut used = ALL;
-        search(&mut state, used, blaming(6, 1.0));
+        search(&mut state, used, small_without(6, 1.0));
         for i in 0..3 {
-            assert_eq!(monitor.watch(&mut state, used, 900.0), Some(i));
-            monitor.hear(&mut state, used, i, 200.0);
+            assert_eq!(monitor.add_residual(&mut state, used, 900.0), Some(i));
+            monitor.add_residual_without(&mut state, used, i, 200.0);
         }
         if dead {
             for _ in 0..5 {
-                monitor.judge_flat(&mut state, 2, 1e-3);
+                monitor.add_flat_difference(&mut state, 2, 1e-3);
             }
             used = used.without(2);
         } else {
-            assert_eq!(monitor.watch(&mut state, used, 30.0), None);
+            assert_eq!(monitor.add_residual(&mut state, used, 30.0), None);
             for _ in 0..4 {
-                assert_eq!(monitor.watch(&mut state, used, 900.0), None);
+                assert_eq!(monitor.add_residual(&mut state, used, 900.0), None);
             }
         }
-        search(&mut state, used, blaming(6, 1.0));
+        search(&mut state, used, small_without(6, 1.0));
         assert!(!state.latched().contains(6));
-        search(&mut state, used, blaming(6, 1.0));
+        search(&mut state, used, small_without(6, 1.0));
         assert!(state.latched().contains(6));
         // The search continues among the other gauges.
         used = used.without(6);
-        search(&mut state, used, blaming(0, 1.0));
+        search(&mut state, used, small_without(0, 1.0));
         assert!(!state.latched().contains(0));
-        search(&mut state, used, blaming(0, 1.0));
+        search(&mut state, used, small_without(0, 1.0));
         assert!(state.latched().contains(0));
     }
 }
@@ -368,33 +372,33 @@ fn round_with_a_changed_set_of_gauges_gives_no_verdict() {
     let (six, last_five) = (GaugeMask(0b11_1111), GaugeMask(0b11_1110));
     for (before, after) in [(last_five, six), (six, last_five)] {
         let mut state = before_search();
-        let blamed = blaming(3, 1.0);
-        search(&mut state, before, blamed);
+        let residuals = small_without(3, 1.0);
+        search(&mut state, before, residuals);
         for i in six.iter() {
             let used = if i < 3 { before } else { after };
             if used.contains(i) {
-                monitor.hear(&mut state, used, i, blamed[i]);
+                monitor.add_residual_without(&mut state, used, i, residuals[i]);
             }
         }
         assert_eq!(state.latched(), GaugeMask::NONE);
-        search(&mut state, after, blamed);
+        search(&mut state, after, residuals);
         assert_eq!(state.latched(), GaugeMask::NONE);
-        search(&mut state, after, blamed);
+        search(&mut state, after, residuals);
         assert_eq!(state.latched(), GaugeMask(0b1000));
     }
     // A gauge that is added between two rounds does not discard the first verdict.
     let mut state = before_search();
     for used in [FIVE, six] {
         assert_eq!(state.latched(), GaugeMask::NONE);
-        search(&mut state, used, blaming(3, 1.0));
+        search(&mut state, used, small_without(3, 1.0));
     }
     assert_eq!(state.latched(), GaugeMask(0b1000));
     // The last gauge of the round is no longer used.
     let mut state = before_search();
     for i in 0..5 {
-        monitor.hear(&mut state, six, i, 200.0);
+        monitor.add_residual_without(&mut state, six, i, 200.0);
     }
-    assert_eq!(monitor.watch(&mut state, FIVE, 900.0), Some(0));
+    assert_eq!(monitor.add_residual(&mut state, FIVE, 900.0), Some(0));
 }
 
 #[test]

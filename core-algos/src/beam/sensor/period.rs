@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Period {
     /// Number of conversions, good or not: index of the next conversion.
-    pub(super) seen: u16,
+    pub(super) conversions: u16,
     /// Sums over the good samples of the count, the index, its square, and count times index.
     sum: i64,
     index_sum: i64,
@@ -25,7 +25,7 @@ impl Period {
             self.first = count;
         }
         self.good = self.good.saturating_add(1);
-        let (count, index) = (i64::from(count), i64::from(self.seen));
+        let (count, index) = (i64::from(count), i64::from(self.conversions));
         let difference = count - i64::from(self.first);
         // Counts have 24 bits, indices 16: the sums over counts and indices stay below 2^56.
         self.sum = self.sum.saturating_add(count);
@@ -47,7 +47,7 @@ impl Period {
 
     /// Distance from the mean index to `ahead` samples after the last conversion, samples.
     fn lead(&self, ahead: f32) -> f32 {
-        let last = f32::from(self.seen) - 1.0;
+        let last = f32::from(self.conversions) - 1.0;
         last + ahead - self.index_sum as f32 / f32::from(self.good)
     }
 
@@ -87,7 +87,7 @@ mod tests {
             if let Some(count) = count {
                 period.put(count);
             }
-            period.seen += 1;
+            period.conversions += 1;
         }
         period
     }
@@ -111,7 +111,7 @@ mod tests {
             let period = period(counts.iter().copied());
             let n = good.len() as f64;
             assert_eq!(
-                (usize::from(period.good), usize::from(period.seen)),
+                (usize::from(period.good), usize::from(period.conversions)),
                 (good.len(), counts.len())
             );
             if good.is_empty() {

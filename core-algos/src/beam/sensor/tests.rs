@@ -7,14 +7,14 @@ const LENGTH: f64 = 0.37;
 const LSB: f64 = 1.0 / (4096.0 * 64.0 * 2.0);
 
 /// Simulated strip that bends to and fro, with its bridges and converter.
-struct Bench {
+struct StripBench {
     random: Random,
     gain: [f64; 5],
     offset: [f64; 5],
     phase: f64,
 }
 
-impl Bench {
+impl StripBench {
     fn new(seed: u64) -> Self {
         let mut random = Random(seed);
         let common = 0.75e-6 * random.normal();
@@ -125,7 +125,7 @@ fn healthy_sensor_reports_no_fault_and_a_consistent_covariance() {
     let (mut total, mut n, mut worst_m, mut worst_rad) = (0.0, 0.0, 0.0f64, 0.0f64);
     let mut unexplained = 0.0;
     for robot in 0..30 {
-        let mut bench = Bench::new(1000 + robot);
+        let mut bench = StripBench::new(1000 + robot);
         let mut state = State::default();
         for period in 0..300 {
             let t = 0.03 * f64::from(period);
@@ -156,7 +156,7 @@ fn tampered(
     mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
 ) -> (Option<u32>, [Fault; MAX_GAUGES], f64) {
     let sensor = sensor();
-    let mut bench = Bench::new(seed);
+    let mut bench = StripBench::new(seed);
     let mut state = State::default();
     let (mut found, mut faults, mut worst) = (None, [Fault::None; MAX_GAUGES], 0.0f64);
     for period in 0..500 {

@@ -13,9 +13,9 @@ fn governor() -> Governor {
     Config::default().build(&frame(), DT).unwrap()
 }
 
-fn stepped(governor: &Governor, state: &State, wish: &Wish) -> State {
+fn stepped(governor: &Governor, state: &State, governor_input: &GovernorInput) -> State {
     let mut state = *state;
-    governor.step(&mut state, wish);
+    governor.step(&mut state, governor_input);
     state
 }
 
@@ -25,11 +25,11 @@ fn stopped(governor: &Governor, state: &State) -> State {
     state
 }
 
-fn wish(v: f32, psi: f32) -> Wish {
-    Wish {
+fn governor_input(v: f32, psi: f32) -> GovernorInput {
+    GovernorInput {
         v,
         psi: Steering(psi),
-        ..Wish::default()
+        ..GovernorInput::default()
     }
 }
 
@@ -42,19 +42,19 @@ fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
         .fold(0.0, f32::max)
 }
 
-fn run(governor: &Governor, mut state: State, wish: Wish, time: f32) -> State {
+fn run(governor: &Governor, mut state: State, governor_input: GovernorInput, time: f32) -> State {
     for _ in 0..(time / DT).round() as usize {
-        state = stepped(governor, &state, &wish);
+        state = stepped(governor, &state, &governor_input);
     }
     state
 }
 
 properties! { cases 200;
-    /// All limits hold for any wishes, intervals and stops.
+    /// All limits hold for any inputs, intervals and stops.
     #[test]
     fn no_limit_is_ever_exceeded(
         wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0, dt in 0.0005f32..0.02,
-        wishes in prop::collection::vec(
+        inputs in prop::collection::vec(
             (
                 (-2.0f32..2.0, -1.0f32..1.0), (-1.0f32..1.0, -3.0f32..3.0), 1usize..60, 0u8..8,
             ),
@@ -66,14 +66,14 @@ properties! { cases 200;
         };
         let governor = config.build(&frame(), dt).unwrap();
         let mut state = State::default();
-        for ((v, v_rate), (psi, psi_rate), steps, kind) in wishes {
-            let wish = Wish { v, v_rate, psi: Steering(psi), psi_rate, ..Wish::default() };
+        for ((v, v_rate), (psi, psi_rate), steps, kind) in inputs {
+            let governor_input = GovernorInput { v, v_rate, psi: Steering(psi), psi_rate, ..GovernorInput::default() };
             for _ in 0..steps {
                 let before = state.motion;
                 state = match kind {
                     0 => stopped(&governor, &state),
-                    1 => stepped(&governor, &state, &Wish { v: f32::NAN, ..wish }),
-                    _ => stepped(&governor, &state, &wish),
+                    1 => stepped(&governor, &state, &GovernorInput { v: f32::NAN, ..governor_input }),
+                    _ => stepped(&governor, &state, &governor_input),
                 };
                 let now = state.motion;
                 let acceleration = if kind < 2 { 0.8 } else { 0.4 };
@@ -94,8 +94,8 @@ properties! { cases 200;
 
     // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
     #[test]
-    fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
-        let state = run(&governor(), State::at_rest(Steering(from)), wish(v, psi), 6.0);
+    fn a_constant_input_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
+        let state = run(&governor(), State::at_rest(Steering(from)), governor_input(v, psi), 6.0);
         prop_assert!((state.motion.v - v).abs() < 1e-4);
         prop_assert!((state.motion.psi.0 - psi).abs() < 1e-4);
     }
@@ -104,7 +104,7 @@ properties! { cases 200;
     fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
         let (governor, mut state) = (governor(), State::default());
         for _ in 0..300 {
-            state = stepped(&governor, &state, &wish(0.1, psi));
+            state = stepped(&governor, &state, &governor_input(0.1, psi));
             prop_assert!(state.motion.psi.0 * psi >= 0.0);
             prop_assert!(state.motion.psi.0.abs() <= psi.abs() + 1e-5);
         }
@@ -118,8 +118,8 @@ fn small_step_follows_the_critically_damped_response() {
         let governor = Config::default().build(&frame(), dt).unwrap();
         let mut state = State::default();
         for i in 1..=(1.0 / dt) as usize {
-            let wish = wish(0.0, 0.1);
-            state = stepped(&governor, &state, &wish);
+            let governor_input = governor_input(0.0, 0.1);
+            state = stepped(&governor, &state, &governor_input);
             let x = 8.0 * f64::from(dt) * i as f64;
             let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
             // The hold delays the sampled filter by at most half an interval.
@@ -135,14 +135,14 @@ fn known_rate_removes_the_lag() {
     let (mut with, mut without) = (State::default(), State::default());
     for i in 1..=100 {
         let psi = 0.4 * 0.01 * i as f32;
-        let wish = |psi_rate| Wish {
+        let governor_input = |psi_rate| GovernorInput {
             v: 0.1,
             psi: Steering(psi),
             psi_rate,
-            ..Wish::default()
+            ..GovernorInput::default()
         };
-        with = stepped(&governor, &with, &wish(0.4));
-        without = stepped(&governor, &without, &wish(0.0));
+        with = stepped(&governor, &with, &governor_input(0.4));
+        without = stepped(&governor, &without, &governor_input(0.0));
     }
     assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
     // The lag is 2/ω.
@@ -155,22 +155,22 @@ fn known_acceleration_removes_the_lag_of_speed() {
     let governor = governor();
     let mut state = State::default();
     for i in 1..=80 {
-        let wish = Wish {
+        let governor_input = GovernorInput {
             v: 0.25 * 0.01 * i as f32,
             v_rate: 0.25,
-            ..Wish::default()
+            ..GovernorInput::default()
         };
-        state = stepped(&governor, &state, &wish);
+        state = stepped(&governor, &state, &governor_input);
     }
-    // The wish at the end of the step.
+    // The input at the end of the step.
     assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
 }
 
 #[test]
 fn speed_waits_for_steering() {
     let governor = governor();
-    let start = run(&governor, State::default(), wish(0.25, 0.0), 3.0);
-    let turned = wish(0.25, 0.45);
+    let start = run(&governor, State::default(), governor_input(0.25, 0.0), 3.0);
+    let turned = governor_input(0.25, 0.45);
     let mut slowest = f32::MAX;
     let mut state = start;
     for _ in 0..300 {
@@ -184,7 +184,7 @@ fn speed_waits_for_steering() {
 #[test]
 fn first_drive_begins_at_once_in_either_direction() {
     for v in [-0.2, 0.2] {
-        let state = stepped(&governor(), &State::default(), &wish(v, 0.0));
+        let state = stepped(&governor(), &State::default(), &governor_input(v, 0.0));
         assert!(state.motion.v * v > 0.0, "{v}");
     }
 }
@@ -192,25 +192,25 @@ fn first_drive_begins_at_once_in_either_direction() {
 #[test]
 fn change_of_direction_rests_at_zero() {
     let governor = governor();
-    let wish = |v| wish(v, 0.0);
-    let mut state = run(&governor, State::default(), wish(0.2), 3.0);
+    let governor_input = |v| governor_input(v, 0.0);
+    let mut state = run(&governor, State::default(), governor_input(0.2), 3.0);
     let mut resting = 0;
     for _ in 0..300 {
-        state = stepped(&governor, &state, &wish(-0.2));
+        state = stepped(&governor, &state, &governor_input(-0.2));
         resting += usize::from(state.motion.v == 0.0);
     }
     assert!(state.motion.v < -0.19);
     assert!((10..=12).contains(&resting), "{resting}");
     // After a rest, the next change of direction starts at once.
-    state = run(&governor, state, wish(0.0), 2.0);
+    state = run(&governor, state, governor_input(0.0), 2.0);
     assert_eq!(state.motion.v, 0.0);
-    assert!(stepped(&governor, &state, &wish(0.2)).motion.v > 0.0);
+    assert!(stepped(&governor, &state, &governor_input(0.2)).motion.v > 0.0);
 }
 
 #[test]
 fn stop_is_a_ramp_to_rest() {
     let governor = governor();
-    let turning = wish(0.25, 0.4);
+    let turning = governor_input(0.25, 0.4);
     let moving = run(&governor, State::default(), turning, 0.4);
     assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
     let braking = stopped(&governor, &moving).motion.v_rate;
@@ -226,26 +226,26 @@ fn stop_is_a_ramp_to_rest() {
 }
 
 #[test]
-fn absent_wish_brakes() {
+fn absent_input_brakes() {
     let governor = governor();
-    let wish = wish(0.2, 0.1);
-    let moving = run(&governor, State::default(), wish, 2.0);
+    let governor_input = governor_input(0.2, 0.1);
+    let moving = run(&governor, State::default(), governor_input, 2.0);
     for bad in [f32::NAN, f32::INFINITY] {
-        let absent = Wish {
+        let absent = GovernorInput {
             psi: Steering(bad),
-            ..wish
+            ..governor_input
         };
         let braking = stopped(&governor, &moving);
-        for absent in [absent, Wish::from_curvature(&frame(), 0.2, bad)] {
+        for absent in [absent, GovernorInput::from_curvature(&frame(), 0.2, bad)] {
             assert_eq!(stepped(&governor, &moving, &absent), braking);
         }
     }
 }
 
 #[test]
-fn wish_beyond_the_curvature_of_the_frame_is_its_largest_steering() {
+fn input_beyond_the_curvature_of_the_frame_is_its_largest_steering() {
     for (kappa, psi) in [(3.0f32, 0.491_6f32), (3.2, 0.5), (1e30, 0.5), (-1e30, -0.5)] {
-        let found = Wish::from_curvature(&frame(), 0.1, kappa).psi.0;
+        let found = GovernorInput::from_curvature(&frame(), 0.1, kappa).psi.0;
         assert!((found - psi).abs() < 2e-3, "{kappa}: {found}");
     }
 }
@@ -268,13 +268,13 @@ fn steering_rate_is_limited_by_the_braking_of_the_speed() {
 }
 
 #[test]
-fn wish_to_slow_down_at_rest_does_not_reverse_the_robot() {
-    let wish = Wish {
+fn input_to_slow_down_at_rest_does_not_reverse_the_robot() {
+    let governor_input = GovernorInput {
         v: 1e-4,
         v_rate: -0.3,
-        ..Wish::default()
+        ..GovernorInput::default()
     };
-    let state = stepped(&governor(), &State::default(), &wish);
+    let state = stepped(&governor(), &State::default(), &governor_input);
     assert_eq!((state.motion.v, state.direction), (0.0, 0.0));
 }
 
@@ -284,7 +284,7 @@ fn each_change_of_direction_has_its_own_rest() {
     let mut state = State::default();
     for v in [0.1, -0.1, 0.1] {
         let before = state.rest_s;
-        state = run(&governor, state, wish(v, 0.0), 2.0);
+        state = run(&governor, state, governor_input(v, 0.0), 2.0);
         assert!(state.motion.v * v > 0.0 && before == 0.0);
         assert_eq!(state.rest_s, 0.0, "in motion");
     }

@@ -99,12 +99,12 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     // Heading: integral of the linear curvature, corrected to reach the heading of the next point.
     let rise = b.kappa - a.kappa;
     let missing = turn - 0.5 * length * (a.kappa + b.kappa);
-    let along = u * length;
+    let distance = u * length;
     PathSample {
         posture: Posture {
             x: a.posture.x + ease * dx + leave * ca + arrive * cb,
             y: a.posture.y + ease * dy + leave * sa + arrive * sb,
-            phi: wrap_angle(a.posture.phi + along * (a.kappa + 0.5 * u * rise) + u * missing),
+            phi: wrap_angle(a.posture.phi + distance * (a.kappa + 0.5 * u * rise) + u * missing),
         },
         kappa: a.kappa + u * rise,
         kappa_slope: rise / length,

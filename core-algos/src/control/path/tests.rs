@@ -522,7 +522,7 @@ properties! { cases 200;
     /// The law of the module docs: heading gain per length, curvature within that of the frame, and at rest the
     /// path's curvature.
     #[test]
-    fn wish_is_equation_four_with_heading_gain_per_length(
+    fn input_is_equation_four_with_heading_gain_per_length(
         x in -0.3f32..0.0, y in -0.3f32..0.3, phi in -1.0f32..1.0, v in 0.0f32..0.3, kappa in -2.0f32..2.0,
     ) {
         let law = law();
@@ -538,16 +538,16 @@ properties! { cases 200;
         let most = f64::from(frame().max_curvature());
         let share = (speed.abs() / 0.03).min(1.0);
         let wanted = share * turned.clamp(-most, most) + (1.0 - share) * 1.2;
-        let seen = PathReference { reference, kappa: 1.2, v_rate: -0.2, psi_rate: 0.3, ..PathReference::default() };
-        let wish = follower(Config::default()).wish(center, &seen);
-        let found = f64::from(frame().curvature(wish.psi));
+        let target = PathReference { reference, kappa: 1.2, v_rate: -0.2, psi_rate: 0.3, ..PathReference::default() };
+        let governor_input = follower(Config::default()).governor_input(center, &target);
+        let found = f64::from(frame().curvature(governor_input.psi));
         prop_assert!((found - wanted.clamp(-most, most)).abs() < 2e-2, "{found} {wanted}");
-        prop_assert_eq!((wish.v, wish.v_rate, wish.psi_rate), (command.v, -0.2, 0.3));
-        prop_assert_eq!(wish.steering_slack, STEERING_SLACK_RAD);
+        prop_assert_eq!((governor_input.v, governor_input.v_rate, governor_input.psi_rate), (command.v, -0.2, 0.3));
+        prop_assert_eq!(governor_input.steering_slack, STEERING_SLACK_RAD);
         let tracker = Tracker::new(&frame(), &law, 0.25).unwrap();
-        let seen = TrajectoryReference {
+        let target = TrajectoryReference {
             reference, kappa: 1.2, acceleration: -0.2, psi_rate: 0.3, ..TrajectoryReference::default()
         };
-        prop_assert_eq!(tracker.wish(center, &seen), wish);
+        prop_assert_eq!(tracker.governor_input(center, &target), governor_input);
     }
 }

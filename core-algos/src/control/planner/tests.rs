@@ -37,7 +37,7 @@ properties! { cases 100;
             }
         }
         let end = PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN);
-        let end = end.along(plan.approach);
+        let end = end.in_direction(plan.approach);
         prop_assert!(funnel::contains(end, planner.curvature() * 1.001));
         prop_assert!(end.distance_m >= 0.149);
     }
@@ -79,11 +79,11 @@ properties! { cases 100;
     #[test]
     fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
         let planner = Config::default().build(2.0).unwrap();
-        let seen = Posture::new(-0.4, 0.3, phi);
+        let relative = Posture::new(-0.4, 0.3, phi);
         let goal = Posture::new(gx, 1.0, turn);
-        let mut moved = planner.start(goal.compose(seen), goal);
+        let mut moved = planner.start(goal.compose(relative), goal);
         let Progress::Found(a) = planner.step(&mut moved, 1_000_000) else { panic!() };
-        let mut plain = planner.start(seen, Posture::ORIGIN);
+        let mut plain = planner.start(relative, Posture::ORIGIN);
         let Progress::Found(b) = planner.step(&mut plain, 1_000_000) else { panic!() };
         prop_assert!((a.cost_m - b.cost_m).abs() < 0.02, "{} {}", a.cost_m, b.cost_m);
     }
@@ -119,10 +119,10 @@ fn drive([x, y, phi]: [f64; 3], forward: bool, curvature: f64, length: f64) -> [
     } else {
         ds * half.sin() / half
     };
-    let along = phi + half;
+    let chord_heading = phi + half;
     [
-        x + chord * along.cos(),
-        y + chord * along.sin(),
+        x + chord * chord_heading.cos(),
+        y + chord * chord_heading.sin(),
         phi + 2.0 * half,
     ]
 }

@@ -67,7 +67,7 @@ pub struct State {
     /// Time in the present phase, s.
     pub(super) elapsed: f32,
     /// Time of consecutive ticks outside the funnel or without commanded motion, s.
-    pub(super) doubt: f32,
+    pub(super) no_progress_s: f32,
     /// Renewed attempts at the present goal.
     pub(super) attempts: u8,
 }
@@ -97,7 +97,7 @@ impl State {
         self.phase = phase;
         self.final_curvature = None;
         self.elapsed = 0.0;
-        self.doubt = 0.0;
+        self.no_progress_s = 0.0;
         self.stuck.reset();
     }
 

@@ -24,7 +24,7 @@ impl Robot {
         Posture::new(x as f32, y as f32, phi.sin().atan2(phi.cos()) as f32)
     }
 
-    fn obey(&mut self, command: Command) {
+    fn apply(&mut self, command: Command) {
         let kappa = |psi: f64| 2.0 * psi / (0.37 * psi.cos());
         let wanted = f64::from(command.kappa);
         // Towards the steering angle of the wanted curvature, 10 mrad a tick.
@@ -63,8 +63,8 @@ fn planning_ahead_does_not_change_the_output() {
             let output = regulator.tick(&mut state, &input(&robot, goal));
             assert_eq!(regulator.tick(&mut ahead, &input(&other, goal)), output);
             assert_eq!(ahead, state);
-            robot.obey(output.command);
-            other.obey(output.command);
+            robot.apply(output.command);
+            other.apply(output.command);
         }
         assert!(planning > 3 || parts != calls, "{planning}");
     }
@@ -79,7 +79,7 @@ fn run(
 ) -> Output {
     let mut output = regulator.tick(state, &input(robot, goal));
     for _ in 0..ticks {
-        robot.obey(output.command);
+        robot.apply(output.command);
         output = regulator.tick(state, &input(robot, goal));
         if output.done {
             break;
@@ -101,7 +101,7 @@ fn robot_held_by_friction_before_the_goal_is_done_or_gives_up() {
             if output.command.v.abs() < sticking {
                 (output.command.v, robot.v) = (0.0, 0.0);
             }
-            robot.obey(output.command);
+            robot.apply(output.command);
         }
         assert_eq!(state.phase, expected, "{:?}", robot.q);
     }
@@ -117,18 +117,18 @@ fn corrections_within_the_tolerance_end_at_the_goal() {
         let (mut phase, mut offset, mut count) = (Phase::Stop, 0.0, 0);
         let mut corrected = false;
         for _ in 0..200_000 {
-            let mut seen = input(&robot, Posture::ORIGIN);
-            seen.posture.y += offset;
-            let output = regulator.tick(&mut state, &seen);
+            let mut estimated = input(&robot, Posture::ORIGIN);
+            estimated.posture.y += offset;
+            let output = regulator.tick(&mut state, &estimated);
             phase = output.phase;
             corrected &= phase == Phase::Approach;
-            let close = seen.posture.distance(Posture::ORIGIN) < 0.15;
+            let close = estimated.posture.distance(Posture::ORIGIN) < 0.15;
             if phase == Phase::Approach && close && !corrected {
                 corrected = true;
                 count += 1;
                 offset += if count % 2 == 0 { size } else { -size };
             }
-            robot.obey(output.command);
+            robot.apply(output.command);
             if matches!(phase, Phase::Done | Phase::GaveUp) {
                 break;
             }
@@ -227,13 +227,16 @@ fn stopping_distance_is_the_integral_of_the_speed() {
         f64::from(regulator.config.speed_lag_s),
     );
     for speed in [0.01f32, 0.05, 0.15, 0.25] {
-        let (mut v, mut way) = (f64::from(speed), 0.0);
+        let (mut v, mut distance) = (f64::from(speed), 0.0);
         while v > 1e-7 {
-            way += 1e-5 * v;
+            distance += 1e-5 * v;
             v -= 1e-5 * braking.min(v / lag);
         }
         let found = f64::from(regulator.stopping_distance(speed));
-        assert!((found - way).abs() < 0.01 * way, "{speed}: {found} {way}");
+        assert!(
+            (found - distance).abs() < 0.01 * distance,
+            "{speed}: {found} {distance}"
+        );
     }
 }
 
@@ -247,7 +250,7 @@ fn final_arc_leads_through_the_goal() {
         let arc = state
             .final_curvature
             .map(|curvature| (robot.posture(), curvature));
-        robot.obey(output.command);
+        robot.apply(output.command);
         arc
     });
     let (from, curvature) = arc.unwrap();

@@ -91,14 +91,14 @@ fn a_voltage_one_period_late_does_not_overshoot() {
 
 #[test]
 fn wrong_motor_parameters_leave_no_steady_error() {
-    let believed = Config::default();
+    let configured = Config::default();
     let real = Config {
         resistance_ohm: 3.6,
         inductance_h: 3.0e-3,
         torque_constant_nm_a: 0.54,
-        ..believed
+        ..configured
     };
-    let current_loop = believed.build().unwrap();
+    let current_loop = configured.build().unwrap();
     let (mut state, mut voltage) = (State::default(), 0.0);
     let mut motor = Motor::at(6.0);
     for _ in 0..1000 {

@@ -8,8 +8,8 @@ const TYRES: Tyres = Tyres {
     sliding: 2.4,
 };
 
-fn step(axle: usize, gyro_share: f32) -> Step {
-    Step {
+fn step(axle: usize, gyro_share: f32) -> IncrementInputs {
+    IncrementInputs {
         axle,
         moved: Posture::new(0.4, 0.02, 0.3),
         relative_heading: RelativeHeading(0.5),
@@ -19,8 +19,8 @@ fn step(axle: usize, gyro_share: f32) -> Step {
 }
 
 /// A step without a gyro: frame bent by `heading`, `x` ahead, turn `phi`.
-fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> Step {
-    Step {
+fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> IncrementInputs {
+    IncrementInputs {
         moved: Posture::new(x as f32, 0.0, phi as f32),
         relative_heading: RelativeHeading(heading as f32),
         ..step(axle, 0.0)
@@ -92,11 +92,11 @@ fn increment_error_equals_the_brush_model_of_each_wheel() {
                 ];
                 let step = bent(axle, x, phi, heading);
                 let (error, _) = step.error(&tyres, &step.by_constants(&tyres), &[0.0; COUNT]);
-                let told = format!("{axle} {x} {phi} {heading}: {error:?}");
+                let case = format!("{axle} {x} {phi} {heading}: {error:?}");
                 let ahead = 0.5 * (left + right);
                 let turn = (right - left) / track;
-                assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
-                assert!((f64::from(error[2]) - turn).abs() < 1e-7, "{told} {turn}");
+                assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{case} {ahead}");
+                assert!((f64::from(error[2]) - turn).abs() < 1e-7, "{case} {turn}");
             }
         }
     }
@@ -127,10 +127,10 @@ fn increment_error_equals_that_of_unequal_wheels_and_tyres() {
             constants[COMPLIANCE] = (0.5 * (own[0] + own[1])) as f32;
             constants[UNEVEN + axle] = (0.5 * (own[1] - own[0])) as f32;
             let (error, _) = step.error(&TYRES, &step.by_constants(&TYRES), &constants);
-            let told = format!("{axle} {x} {phi} {heading}: {error:?}");
+            let case = format!("{axle} {x} {phi} {heading}: {error:?}");
             let (ahead, turn) = (0.5 * (left + right), 0.5 * (right - left) / half_track);
-            assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{told} {ahead}");
-            assert!((f64::from(error[2]) - turn).abs() < 3e-7, "{told} {turn}");
+            assert!((f64::from(error[0]) - ahead).abs() < 1e-7, "{case} {ahead}");
+            assert!((f64::from(error[2]) - turn).abs() < 3e-7, "{case} {turn}");
         }
     }
 }
@@ -178,8 +178,10 @@ fn distance_rolled_is_the_mean_of_both_wheels_without_sign() {
         (0.0, 0.3),
     ] {
         let d = f64::from(TYRES.half_track) * phi;
-        let way = 0.5 * (f64::abs(x - d) + f64::abs(x + d));
-        assert!((f64::from(bent(0, x, phi, 0.0).way(&TYRES)) - way).abs() < 1e-7);
+        let mean_distance = 0.5 * (f64::abs(x - d) + f64::abs(x + d));
+        assert!(
+            (f64::from(bent(0, x, phi, 0.0).mean_distance(&TYRES)) - mean_distance).abs() < 1e-7
+        );
     }
 }
 

@@ -16,7 +16,8 @@ impl AxleFilter {
         let (p, noise) = (&state.covariance, self.accelerometer_variance);
         let variance = || p.motion_variance(&[0.0, 0.0, 1.0, 0.0]);
         let refusals = &mut state.counters.accelerometer;
-        let verdict = refusals.judge_scalar(innovation, noise, variance, self.gate, self.patience);
+        let verdict =
+            refusals.scalar_verdict(innovation, noise, variance, self.gate, self.patience);
         if verdict == Verdict::Used {
             let gain = state.covariance.observe::<ACCELERATION>(noise);
             state.correct(&gain.map(|gain| gain * innovation));

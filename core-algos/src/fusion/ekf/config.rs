@@ -136,7 +136,7 @@ impl Config {
                 accelerometer_variance,
             ]
             .map(|variance| 1.0 / variance),
-            surely_accepted: self.innovation_gate.unwrap_or(f32::MAX),
+            always_accepted_nis: self.innovation_gate.unwrap_or(f32::MAX),
             gate: self.innovation_gate,
             fix_gate: self.fix_gate,
             patience: self.gate_patience,

@@ -355,14 +355,14 @@ impl Covariance {
     }
 
     /// Adds noise w of the given variance, which changes the motion states by `b` w and the posture by `a` w.
-    /// Components of `b` after `LAST` are zero. `along` computes row · b without the zeros of `b`. Returns γ and the
+    /// Components of `b` after `LAST` are zero. `times_b` computes row · b without the zeros of `b`. Returns γ and the
     /// variance of the rest: the part that moves the posture independently of the motion.
     fn add_motion_noise<const LAST: usize>(
         &mut self,
         a: [f32; 3],
         b: [f32; M],
         variance: f32,
-        along: impl Fn(&[f32; M]) -> f32,
+        times_b: impl Fn(&[f32; M]) -> f32,
     ) -> ([f32; 3], f32) {
         let before = self.motion;
         let (mut beta, mut ratio) = ([0.0; M], [1.0; M]);
@@ -391,7 +391,7 @@ impl Covariance {
         let mut gamma = a;
         for i in 0..3 {
             let row = &mut self.follow[i];
-            gamma[i] -= along(row);
+            gamma[i] -= times_b(row);
             for j in 0..M {
                 row[j] += gamma[i] * kappa[j];
             }

@@ -75,7 +75,10 @@ impl AxleFilter {
                 None => f32::INFINITY,
             }
         };
-        let verdict = state.counters.fix.judge(nis, self.fix_gate, self.patience);
+        let verdict = state
+            .counters
+            .fix
+            .verdict(nis, self.fix_gate, self.patience);
         if verdict != Verdict::Used {
             return verdict;
         }

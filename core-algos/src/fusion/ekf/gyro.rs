@@ -4,7 +4,7 @@ use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
     /// Verdict on a yaw rate (rad/s, counter-clockwise positive), and its innovation.
-    pub(super) fn judge_gyro(&self, state: &mut State, rate: Option<f32>) -> (Verdict, f32) {
+    pub(super) fn gyro_verdict(&self, state: &mut State, rate: Option<f32>) -> (Verdict, f32) {
         let Some(rate) = rate else {
             return (Verdict::Absent, 0.0);
         };
@@ -15,7 +15,8 @@ impl AxleFilter {
         let (p, noise) = (&state.covariance, self.gyro_variance);
         let variance = || p.motion_variance(&[0.0, 1.0, 0.0, 0.0]);
         let refusals = &mut state.counters.gyro;
-        let verdict = refusals.judge_scalar(innovation, noise, variance, self.gate, self.patience);
+        let verdict =
+            refusals.scalar_verdict(innovation, noise, variance, self.gate, self.patience);
         (verdict, innovation)
     }
 }

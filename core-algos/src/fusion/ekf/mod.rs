@@ -119,7 +119,7 @@ pub struct AxleFilter {
     /// Inverse variances of left, right, gyro, accelerometer.
     information: [f32; 4],
     /// Bound of the sum of squared innovations over noise variances; up to this sum no gate can reject.
-    surely_accepted: f32,
+    always_accepted_nis: f32,
     gate: Option<f32>,
     fix_gate: Option<f32>,
     patience: u16,
@@ -168,7 +168,7 @@ pub struct Refusals {
 
 impl Refusals {
     /// Verdict on a sample with the given NIS.
-    fn judge(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
+    fn verdict(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
         if let Some(gate) = gate
             && !(nis() <= gate)
             && self.in_a_row < patience
@@ -183,7 +183,7 @@ impl Refusals {
 
     /// Verdict on a scalar measurement. `noise` is the variance of its noise, `predicted` that of its prediction,
     /// computed only if the noise alone does not decide.
-    fn judge_scalar(
+    fn scalar_verdict(
         &mut self,
         innovation: f32,
         noise: f32,
@@ -200,7 +200,7 @@ impl Refusals {
                 _ => square / (predicted() + noise),
             }
         };
-        self.judge(nis, gate, patience)
+        self.verdict(nis, gate, patience)
     }
 
     /// Counts a sample that is not finite.
@@ -462,12 +462,12 @@ impl AxleFilter {
         ];
         let acceleration = measurements.acceleration_m_s2? - v_dot;
         let [left, right, gyro, accelerometer] = self.information;
-        let surprise = rates[0] * rates[0] * left
+        let nis_bound = rates[0] * rates[0] * left
             + rates[1] * rates[1] * right
             + rates[2] * rates[2] * gyro
             + acceleration * acceleration * accelerometer;
         // No NIS exceeds this sum. The sum is NaN or infinite if a sample is.
-        if !(surprise <= self.surely_accepted) {
+        if !(nis_bound <= self.always_accepted_nis) {
             return None;
         }
         let all = &self.reductions[3];

@@ -101,8 +101,8 @@ impl AxleFilter {
         gyro: Option<f32>,
     ) -> [Verdict; 3] {
         let [(left, left_innovation), (right, right_innovation)] =
-            self.judge_wheels(state, left, right);
-        let (gyro, gyro_innovation) = self.judge_gyro(state, gyro);
+            self.wheel_verdicts(state, left, right);
+        let (gyro, gyro_innovation) = self.gyro_verdict(state, gyro);
         let innovations = [left_innovation, right_innovation, gyro_innovation];
         let h = self.half_track;
         let [pair, left_gyro, right_gyro, all] = &self.reductions;

@@ -248,13 +248,13 @@ fn compare(levels: &Levels, seed: u64, period: f32, fix_every: usize, loss: f64)
         reference.predict();
         reference.update(&as_wide(&z), None);
         if fix_every > 0 && step % fix_every == 0 {
-            let mut seen = [0.0f32; 3];
+            let mut measured = [0.0f32; 3];
             for k in 0..3 {
-                seen[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
+                measured[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
             }
-            let seen64 = seen.map(f64::from);
-            filter.update_fix(&mut state, &Posture::from(seen), &fix);
-            reference.update(&[None; 4], Some(seen64));
+            let measured64 = measured.map(f64::from);
+            filter.update_fix(&mut state, &Posture::from(measured), &fix);
+            reference.update(&[None; 4], Some(measured64));
         }
         let (p, c) = errors(&state, &reference);
         pose = pose.max(p);
@@ -422,10 +422,10 @@ fn heading_wraps_in_state_and_innovation() {
         let at = [0.0, 0.0, side * (pi - 0.01), 0.0, 0.0, 0.0, 0.0];
         let mut state = State::from_parts(at, &matrix::diagonal([1e-4; 7]));
         // Seen 0.02 rad further on, beyond the wrap: halfway is the wrap itself.
-        let seen = Posture::new(0.0, 0.0, -side * (pi - 0.01));
-        filter.update_fix(&mut state, &seen, &fix);
+        let measured = Posture::new(0.0, 0.0, -side * (pi - 0.01));
+        filter.update_fix(&mut state, &measured, &fix);
         assert!((state.posture().phi.abs() - pi).abs() < 1e-5);
-        filter.update_fix(&mut state, &seen, &fix);
+        filter.update_fix(&mut state, &measured, &fix);
         assert!(state.posture().phi * side < 0.0);
     }
 }
@@ -440,8 +440,11 @@ fn sample_not_finite_is_counted_and_changes_nothing() {
         assert_eq!(verdicts.left, Verdict::Invalid);
         assert_eq!(verdicts.gyro, Verdict::Invalid);
         let fix = Fix::new(&matrix::diagonal([1e-4; 3])).unwrap();
-        let seen = Posture::new(0.0, bad, 0.0);
-        assert_eq!(filter.update_fix(&mut state, &seen, &fix), Verdict::Invalid);
+        let measured = Posture::new(0.0, bad, 0.0);
+        assert_eq!(
+            filter.update_fix(&mut state, &measured, &fix),
+            Verdict::Invalid
+        );
         assert_eq!(state.counters.right.invalid, 1);
         assert_eq!(state.counters.accelerometer.invalid, 1);
         assert_eq!(state.counters.fix.invalid, 1);
@@ -453,9 +456,9 @@ fn sample_not_finite_is_counted_and_changes_nothing() {
 #[test]
 fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
     let mut refusals = Refusals::default();
-    let nan = refusals.judge(|| f32::NAN, Some(20.0), 5);
+    let nan = refusals.verdict(|| f32::NAN, Some(20.0), 5);
     // An infinite square over an infinite variance.
-    let undefined = refusals.judge_scalar(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
+    let undefined = refusals.scalar_verdict(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
     assert_eq!([nan, undefined], [Verdict::Gated; 2]);
 
     let beyond = 20.0f32.next_up();
@@ -474,13 +477,13 @@ fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
         (beyond, Some(20.0), 2, gated),
         (beyond, Some(20.0), 2, used),
     ] {
-        assert_eq!(refusals.judge(|| nis, gate, patience), verdict);
+        assert_eq!(refusals.verdict(|| nis, gate, patience), verdict);
     }
     assert_eq!(refusals.gated, 5);
     // NIS of 9/(8 + 1) and 9/(3 + 1): squared innovation over the variances of prediction and noise.
     for (predicted, gate, verdict) in [(8.0, 1.0, used), (3.0, 2.25, used), (3.0, 2.24, gated)] {
         let mut refusals = Refusals::default();
-        let found = refusals.judge_scalar(-3.0, 1.0, || predicted, Some(gate), 5);
+        let found = refusals.scalar_verdict(-3.0, 1.0, || predicted, Some(gate), 5);
         assert_eq!(found, verdict, "{predicted} {gate}");
     }
 }
@@ -548,7 +551,7 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
         let mut noise = random_covariance(&mut random, [2e-3, 3e-3, 4e-3], 0.5);
         let prior = random_covariance(&mut random, [3e-3; 7], 0.3);
         let at = [0.3, -0.2, 3.1, 0.0, 0.0, 0.0, 0.0];
-        let seen = Posture::new(0.31, -0.205, -3.17);
+        let measured = Posture::new(0.31, -0.205, -3.17);
         let spread: Matrix<3, 3> = core::array::from_fn(|i| {
             core::array::from_fn(|j| f64::from(noise[i][j]) + f64::from(prior[i][j]))
         });
@@ -565,7 +568,10 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
             };
             let before = State::from_parts(at, &prior);
             let mut state = before;
-            let found = config.build().unwrap().update_fix(&mut state, &seen, &fix);
+            let found = config
+                .build()
+                .unwrap()
+                .update_fix(&mut state, &measured, &fix);
             assert_eq!(found, verdict);
             assert_eq!(
                 state.posture() != before.posture(),

@@ -185,8 +185,9 @@ fn weigh_returns_the_mean_by_inverse_variance() {
         );
 
         let sigma_alpha = 1e-3 / baseline;
-        let along = [ds[0] * alpha.cos(), ds[1] * (r[2] - alpha).cos()];
-        let by_beam = (along[1] * 2e-3).powi(2) + ((along[0] - along[1]) * sigma_alpha).powi(2);
+        let projected = [ds[0] * alpha.cos(), ds[1] * (r[2] - alpha).cos()];
+        let by_beam =
+            (projected[1] * 2e-3).powi(2) + ((projected[0] - projected[1]) * sigma_alpha).powi(2);
         let driven = 0.5 * (ds[0].abs() + ds[1].abs());
         let of_line = by_beam / (baseline * baseline) + 4e-4 * driven;
         let noise = 2.0 * (sigma_alpha * sigma_alpha + 4e-6);
@@ -240,16 +241,16 @@ fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
         ..Config::default()
     };
     let ipec = config.build().unwrap();
-    let weigh = |opinions: [f32; 2], own: [f32; 2]| {
-        let front = Posture::new(0.0, 0.0, opinions[0]);
-        let rear = Posture::new(0.5, 0.0, opinions[1]);
-        let seen = Posture::new(0.5, 0.0, 0.0);
-        let found = ipec.weigh([front, rear], [0.0; 2], own, &seen);
+    let weigh = |deviations: [f32; 2], own: [f32; 2]| {
+        let front = Posture::new(0.0, 0.0, deviations[0]);
+        let rear = Posture::new(0.5, 0.0, deviations[1]);
+        let relative = Posture::new(0.5, 0.0, 0.0);
+        let found = ipec.weigh([front, rear], [0.0; 2], own, &relative);
         found.map(|(_, correction)| correction.gated)
     };
-    for (opinion, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
-        assert_eq!(weigh([opinion, 0.0], [0.25; 2]), Some([out, false]));
-        assert_eq!(weigh([0.0, -opinion], [0.25; 2]), Some([false, out]));
+    for (deviation, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
+        assert_eq!(weigh([deviation, 0.0], [0.25; 2]), Some([out, false]));
+        assert_eq!(weigh([0.0, -deviation], [0.25; 2]), Some([false, out]));
     }
     for own in [[0.0625, 0.1875], [0.1875, 0.0625]] {
         assert_eq!(weigh([1.0, 0.5], own), None);
@@ -261,14 +262,14 @@ fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
 fn shortest_baseline_gives_a_direction() {
     let ipec = Config::default().build().unwrap();
     let shorter = MIN_BASELINE_M.next_down();
-    for (seen, line, given) in [
+    for (baseline, line, given) in [
         (MIN_BASELINE_M, 0.37, true),
         (shorter, 0.37, false),
         (0.37, MIN_BASELINE_M, true),
         (0.37, shorter, false),
     ] {
         let postures = [Posture::new(line, 0.0, 0.0), Posture::ORIGIN];
-        let r = Posture::new(-seen, 0.0, 0.0);
+        let r = Posture::new(-baseline, 0.0, 0.0);
         let mut state = State::new(postures[0], postures[1]);
         assert_eq!(ipec.step(&mut state, &[0.0; 4], &r).is_some(), given);
         let weighed = ipec.weigh(postures, [0.0; 2], [1e-6; 2], &r);

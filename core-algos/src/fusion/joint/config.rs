@@ -1,6 +1,6 @@
 //! Configuration of the joint filter.
 
-use super::{GRAVITY, Joint, doubt};
+use super::{GRAVITY, Joint, inconsistency};
 use crate::beam::strip::{self, PostureSigmas};
 use crate::config::{ConfigError, declare, in_range, positive};
 use crate::fusion::constants::{
@@ -107,22 +107,22 @@ impl Config {
         walk[ZERO + 1] = t * variance!(beam.walk_tilt_m_per_sqrt_s);
         walk[GYRO_BIAS] = t * variance!(gyro_bias_walk_rad_s_per_sqrt_s);
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
-        let play = variance!(play_sigma_m);
+        let backlash = variance!(play_sigma_m);
         let constancy_s = in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?;
         // A constant with a random walk may walk for the time constant of the other constants.
         let mut per_limit = [0.0; constants::COUNT];
         for (k, per_limit) in per_limit.iter_mut().enumerate() {
             let sigma = sqrt(prior[k] + walk[k] * (constancy_s / t));
             *per_limit = match sigma > 0.0 {
-                true => 1.0 / (doubt::SIGMAS * sigma),
+                true => 1.0 / (inconsistency::SIGMAS * sigma),
                 false => 0.0,
             };
         }
         Ok(Joint {
             t,
             steady_turn: variance!(steady_turn_sigma_rad_per_m),
-            play_heading: 0.5 * play / (half_track * half_track),
-            play_way: 0.5 * play,
+            backlash_heading: 0.5 * backlash / (half_track * half_track),
+            backlash_position: 0.5 * backlash,
             tyres,
             prior,
             per_limit,

@@ -40,10 +40,11 @@ impl Motion {
         let mut moved = [0.0; 6];
         // The last row of each matrix is that of a rotation: it passes the heading error on.
         for i in 0..2 {
-            moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
-            moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, turned])
-                + along(&self.by_front[i], &front)
-                + along(&self.by_base[i], &rear);
+            moved[i] = row_times_column(&self.by_rear[i], &[x, y, phi])
+                + row_times_column(&self.turn_back[i], &rear);
+            moved[REL + i] = row_times_column(&self.by_relative[i], &[ahead, aside, turned])
+                + row_times_column(&self.by_front[i], &front)
+                + row_times_column(&self.by_base[i], &rear);
         }
         moved[2] = phi + rear[2];
         moved[REL_PHI] = turned + front[2] - rear[2];
@@ -52,7 +53,7 @@ impl Motion {
 }
 
 /// Product of a row and a column.
-fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
+fn row_times_column(row: &[f32; 3], column: &[f32; 3]) -> f32 {
     row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }
 
@@ -65,13 +66,10 @@ pub(super) fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
 /// Covariance rotated by the angle with this sine and cosine: R C Rᵀ.
 pub(super) fn turned(covariance: &Mat3, sin: f32, cos: f32) -> Mat3 {
     let [[xx, xy, xp], [_, yy, yp], [.., pp]] = *covariance;
-    let (across, along) = (sin * sin, cos * cos);
+    let (sin2, cos2) = (sin * sin, cos * cos);
     let both = 2.0 * sin * cos * xy;
-    let xy = sin * cos * (xx - yy) + (along - across) * xy;
-    let (xx, yy) = (
-        along * xx + across * yy - both,
-        across * xx + along * yy + both,
-    );
+    let xy = sin * cos * (xx - yy) + (cos2 - sin2) * xy;
+    let (xx, yy) = (cos2 * xx + sin2 * yy - both, sin2 * xx + cos2 * yy + both);
     let (xp, yp) = (cos * xp - sin * yp, sin * xp + cos * yp);
     [[xx, xy, xp], [xy, yy, yp], [xp, yp, pp]]
 }

@@ -27,7 +27,7 @@ fn start_returns_the_given_posture_and_covariance_of_o() {
 #[test]
 fn error_by_leaves_out_only_zero_derivatives() {
     for axle in 0..2 {
-        let by = Step {
+        let by = IncrementInputs {
             axle,
             moved: Posture::new(0.3, -0.2, 0.1),
             relative_heading: RelativeHeading(0.4),
@@ -167,31 +167,31 @@ fn update_equals_the_batch_update_in_f64() {
         state.constants = [1e-3; constants::COUNT];
         let by = constants::beam_by_constants(state.relative);
         let off = by.map(|row| 1e-3 * row.iter().sum::<f32>());
-        let seen = Posture::new(
+        let measured = Posture::new(
             state.relative.x + innovation[0] + off[0],
             state.relative.y + innovation[1] + off[1],
             state.relative.phi + innovation[2] + off[2],
         );
         let prior = state;
-        let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
+        let outcome = joint.update(&mut state, &Estimate::new(measured, r), |_| true);
         assert_eq!(outcome.verdict, Verdict::Used);
 
         // Each of the four wheels rolls further than its encoder by the backlash.
-        let play = f64::from(Config::default().play_sigma_m);
+        let backlash = f64::from(Config::default().play_sigma_m);
         let d = f64::from(Config::default().half_track_m);
         let relative = prior.relative;
         let (x, y) = (f64::from(relative.x), f64::from(relative.y));
         let (sin, cos) = f64::from(relative.phi).sin_cos();
         let wheels = [-1.0, 1.0].map(|side| {
-            let (way, turn) = (0.5, side * 0.5 / d);
+            let (advance, turn) = (0.5, side * 0.5 / d);
             [
-                [way * cos, way * sin, turn],
-                [way - y * turn, x * turn, turn],
+                [advance * cos, advance * sin, turn],
+                [advance - y * turn, x * turn, turn],
             ]
         });
-        let by_play = |i: usize, j: usize| -> f64 {
+        let by_backlash = |i: usize, j: usize| -> f64 {
             let wheels = wheels.as_flattened().iter();
-            wheels.map(|by| play * play * by[i] * by[j]).sum()
+            wheels.map(|by| backlash * backlash * by[i] * by[j]).sum()
         };
 
         let p = wide(&prior.covariance.matrix());
@@ -209,7 +209,7 @@ fn update_equals_the_batch_update_in_f64() {
         let inverse = inverse(&core::array::from_fn(|i| {
             core::array::from_fn(|j| {
                 let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
-                states + f64::from(r[i][j]) + by_play(i, j)
+                states + f64::from(r[i][j]) + by_backlash(i, j)
             })
         }));
         let exact = outcome.innovation.map(f64::from);
@@ -257,9 +257,9 @@ fn innovation_beyond_half_a_turn_wraps() {
     for (side, zero) in [(1.0, 0.05), (1.0, -0.05), (-1.0, 0.05), (-1.0, -0.05)] {
         let (joint, mut state) = start();
         state.constants[ZERO] = zero;
-        let mut seen = state.relative();
-        seen.posture.phi += side * (pi - 0.01);
-        let turn = joint.update(&mut state, &seen, |_| false).innovation[2];
+        let mut measured = state.relative();
+        measured.posture.phi += side * (pi - 0.01);
+        let turn = joint.update(&mut state, &measured, |_| false).innovation[2];
         let expected = side * (pi - 0.01) - zero;
         assert!(turn.abs() <= pi && (turn - expected).sin().abs() < 1e-5);
     }
@@ -313,8 +313,8 @@ fn forgetting_a_gyro_bias_resets_that_bias_alone() {
     for _ in 0..300 {
         joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
         let relative = state.relative();
-        let seen = Posture::new(relative.posture.x, 0.02, 0.2);
-        let beam = Estimate::with_sigmas(seen, [1e-4, 1e-4, 2e-4]);
+        let measured = Posture::new(relative.posture.x, 0.02, 0.2);
+        let beam = Estimate::with_sigmas(measured, [1e-4, 1e-4, 2e-4]);
         joint.update(&mut state, &beam, |_| true);
     }
     let before = state;
@@ -418,22 +418,22 @@ fn floor_drift_adds_the_covariance_of_a_displacement_per_metre() {
 
 /// Consistency of a robot on a circle whose front odometry has errors of scale and heading and whose beam has a zero
 /// error.
-fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
+fn inconsistent_sensor_of(scale: f32, turn_scale: f32, zero: f32) -> Option<InconsistentSensor> {
     let joint = Config::default().build(0.01).unwrap();
     let shape = Posture::new(0.36, 0.02, 0.2);
     let placed = Estimate::with_sigmas(Posture::ORIGIN, [2e-3; 3]);
     let mut state = joint.start(&placed, &Estimate::with_sigmas(shape, [1e-3; 3]), 0.0);
-    let seen = Posture::new(shape.x, shape.y + 0.5 * zero * shape.x, shape.phi + zero);
+    let measured = Posture::new(shape.x, shape.y + 0.5 * zero * shape.x, shape.phi + zero);
     for _ in 0..3000 {
         let rear = Posture::new(2e-3, 0.0, 1e-3);
         let mut front = shape.inverse().compose(rear.compose(shape));
         (front.x, front.phi) = (front.x * (1.0 + scale), front.phi * (1.0 + turn_scale));
         let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [2e-5, 2e-5, 1e-5]));
         joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
-        let seen = Estimate::with_sigmas(seen, [1e-4, 1e-4, 5e-4]);
-        joint.update(&mut state, &seen, |_| true);
+        let measured = Estimate::with_sigmas(measured, [1e-4, 1e-4, 5e-4]);
+        joint.update(&mut state, &measured, |_| true);
     }
-    joint.doubt(&state)
+    joint.inconsistent_sensor(&state)
 }
 
 /// Constants in units of their limit; pairs count by sum and difference over √2.
@@ -441,19 +441,19 @@ fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
 fn constant_furthest_beyond_its_limit_names_the_part() {
     let (mut joint, mut state) = start();
     joint.per_limit = [0.25; constants::COUNT];
-    let mut doubt = |sizes: &[(usize, f32)]| {
+    let mut inconsistent_sensor = |sizes: &[(usize, f32)]| {
         state.constants = [0.0; constants::COUNT];
         for &(k, size) in sizes {
             state.constants[k] = 4.0 * size;
         }
-        joint.doubt(&state)
+        joint.inconsistent_sensor(&state)
     };
-    let wheels = [DRIFT, SCALE, TURN, SIDE, UNEVEN].map(|k| (k, true, Doubt::Wheels));
-    let gyros = [GYRO_BIAS, GYRO_SCALE].map(|k| (k, true, Doubt::Gyros));
+    let wheels = [DRIFT, SCALE, TURN, SIDE, UNEVEN].map(|k| (k, true, InconsistentSensor::Wheels));
+    let gyros = [GYRO_BIAS, GYRO_SCALE].map(|k| (k, true, InconsistentSensor::Gyros));
     let single = [
-        (COMPLIANCE, Doubt::Wheels),
-        (ZERO, Doubt::Gauges),
-        (GAIN, Doubt::Gauges),
+        (COMPLIANCE, InconsistentSensor::Wheels),
+        (ZERO, InconsistentSensor::Gauges),
+        (GAIN, InconsistentSensor::Gauges),
     ];
     let single = single.map(|(k, part)| (k, false, part));
     for (k, paired, part) in wheels.into_iter().chain(gyros).chain(single) {
@@ -465,16 +465,16 @@ fn constant_furthest_beyond_its_limit_names_the_part() {
             (0.9, 0.0, false),
         ] {
             assert_eq!(
-                doubt(&[(k, a), (k + 1, b)]),
+                inconsistent_sensor(&[(k, a), (k + 1, b)]),
                 beyond.then_some(part),
                 "{k} {a} {b}"
             );
         }
         let at = if paired { [1.0; 2] } else { [1.0, 0.0] };
         for (other, larger) in [
-            (DRIFT, Doubt::Wheels),
-            (ZERO, Doubt::Gauges),
-            (GYRO_BIAS, Doubt::Gyros),
+            (DRIFT, InconsistentSensor::Wheels),
+            (ZERO, InconsistentSensor::Gauges),
+            (GYRO_BIAS, InconsistentSensor::Gyros),
         ] {
             let sizes = [
                 (k, 2.0 * at[0]),
@@ -482,11 +482,14 @@ fn constant_furthest_beyond_its_limit_names_the_part() {
                 (other, 9.0),
                 (other + 1, 9.0),
             ];
-            assert_eq!(doubt(&sizes), Some(larger), "{k} {other}");
+            assert_eq!(inconsistent_sensor(&sizes), Some(larger), "{k} {other}");
         }
     }
-    assert_eq!(doubt(&[(ZERO, 1.0)]), None);
-    assert_eq!(doubt(&[(ZERO, 1.0f32.next_up())]), Some(Doubt::Gauges));
+    assert_eq!(inconsistent_sensor(&[(ZERO, 1.0)]), None);
+    assert_eq!(
+        inconsistent_sensor(&[(ZERO, 1.0f32.next_up())]),
+        Some(InconsistentSensor::Gauges)
+    );
 }
 
 /// Compares every number of the filter with its definition.
@@ -562,11 +565,20 @@ fn priors_walks_limits_and_tyres_follow_from_the_configuration() {
 
 #[test]
 fn inconsistent_sensor_is_named() {
-    assert_eq!(doubt_of(0.0, 0.0, 0.0), None);
-    assert_eq!(doubt_of(0.003, 0.004, 0.003), None);
-    assert_eq!(doubt_of(0.05, 0.0, 0.0), Some(Doubt::Wheels));
-    assert_eq!(doubt_of(0.0, 0.05, 0.0), Some(Doubt::Gyros));
-    assert_eq!(doubt_of(0.0, 0.0, 0.05), Some(Doubt::Gauges));
+    assert_eq!(inconsistent_sensor_of(0.0, 0.0, 0.0), None);
+    assert_eq!(inconsistent_sensor_of(0.003, 0.004, 0.003), None);
+    assert_eq!(
+        inconsistent_sensor_of(0.05, 0.0, 0.0),
+        Some(InconsistentSensor::Wheels)
+    );
+    assert_eq!(
+        inconsistent_sensor_of(0.0, 0.05, 0.0),
+        Some(InconsistentSensor::Gyros)
+    );
+    assert_eq!(
+        inconsistent_sensor_of(0.0, 0.0, 0.05),
+        Some(InconsistentSensor::Gauges)
+    );
 }
 
 impl State {

@@ -284,7 +284,7 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
             ..Increment::new(Posture::new(x, 0.01, 0.2), given)
         };
         let found = fusion.with_slip(Some(increment), RelativeHeading(heading));
-        let (way, bend) = (f64::from(x.abs()), square(heading));
+        let (distance, bend) = (f64::from(x.abs()), square(heading));
         let time = f64::from(ticks) * f64::from(config.period_s);
         let gyro = f64::from(gyro_share.clamp(0.0, 1.0));
         let position = square(slip.position_m_per_sqrt_s) * time;
@@ -292,9 +292,9 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
         let per_m = square(slip.heading_rad_per_sqrt_m) + bend * square(slip.creep_per_sqrt_m);
         let per_s = square(slip.heading_rad_per_sqrt_s) + bend * square(slip.creep_per_sqrt_s);
         let mut expected = wide(&given);
-        expected[0][0] += square(slip.along_m_per_sqrt_m) * way + position;
-        expected[1][1] += side * way + position;
-        expected[2][2] += (1.0 - gyro) * (per_m * way + per_s * time);
+        expected[0][0] += square(slip.along_m_per_sqrt_m) * distance + position;
+        expected[1][1] += side * distance + position;
+        expected[2][2] += (1.0 - gyro) * (per_m * distance + per_s * time);
         let error = covariance_error(&found.estimate.covariance, &expected);
         assert!(error < 1e-5, "{x} {heading}: {error}");
         // Over a metre and a second a constant turns as far as a random walk of its size.
@@ -302,7 +302,7 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
             sigmas[constants::DRIFT].powi(2) + bend * sigmas[constants::COMPLIANCE].powi(2);
         let by_gyro = sigmas[constants::GYRO_BIAS] * gyro;
         let heading_variance =
-            expected[2][2] + (1.0 - gyro).powi(2) * by_wheels * way + by_gyro * by_gyro * time;
+            expected[2][2] + (1.0 - gyro).powi(2) * by_wheels * distance + by_gyro * by_gyro * time;
         let ratio = f64::from(found.heading_variance) / heading_variance;
         assert!((ratio - 1.0).abs() < 1e-5, "{x} {heading}: {ratio}");
         let passed_on = (found.estimate.posture, found.advance, found.ticks);
@@ -370,7 +370,7 @@ fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
     disturbances.extend(columns(&robot_covariance).map(Disturbance::Robot));
     disturbances.extend(columns(&frame_covariance).map(Disturbance::Frame));
     disturbances.extend([[0.02, 0.0], [0.0, 0.02]].map(Disturbance::Floor));
-    let steps = [0, 1].map(|axle| constants::Step {
+    let steps = [0, 1].map(|axle| constants::IncrementInputs {
         axle,
         moved: moved[axle],
         relative_heading: RelativeHeading(shape.phi),
@@ -420,8 +420,8 @@ fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
             if let Some(Disturbance::Floor(by)) = disturbance {
                 let turned = 0.162 * f64::from(turn);
                 let x = f64::from(moved[axle].x);
-                let way = 0.5 * ((x - turned).abs() + (x + turned).abs());
-                axles[axle] = add(axles[axle], &[by[0], by[1], 0.0], size * way);
+                let distance = 0.5 * ((x - turned).abs() + (x + turned).abs());
+                axles[axle] = add(axles[axle], &[by[0], by[1], 0.0], size * distance);
             }
         }
         [axles[0], axles[1], middle(axles[0], axles[1])]
@@ -474,10 +474,10 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
         let posture = Posture::from(measured.map(|x| x as f32));
         let beam = Estimate::new(posture, random_covariance(&mut random, [1e-3; 3], 0.4));
         let (mut output, mut after) = (Output::default(), before);
-        let mut seen = start(&fusion, Posture::ORIGIN).beam;
+        let mut beam_state = start(&fusion, Posture::ORIGIN).beam;
         let [f, r] = &mut after;
         let idle = Slipping::default();
-        fusion.join(&mut seen, [f, r], &beam, [&idle, &idle], &mut output);
+        fusion.join(&mut beam_state, [f, r], &beam, [&idle, &idle], &mut output);
 
         let derivative = |axle: usize| -> Matrix<3, 3> {
             transpose(&[0, 1, 2].map(|k| {
@@ -530,7 +530,7 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
             Chain::rear_from_front(before[0].posture, beam.posture),
         ];
         for axle in 0..2 {
-            let other = before[1 - axle].through(&chains[axle], &relative);
+            let other = before[1 - axle].propagated(&chains[axle], &relative);
             let (fused, omega) = before[axle]
                 .intersect(&other, &fusion.intersection)
                 .unwrap();
@@ -543,7 +543,7 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
         let fusion = open(Mode::IntersectionIpec).build().unwrap();
         let mut after = before;
         let [f, r] = &mut after;
-        fusion.join(&mut seen, [f, r], &beam, [&idle, &idle], &mut output);
+        fusion.join(&mut beam_state, [f, r], &beam, [&idle, &idle], &mut output);
         let apart = after[0].posture.relative_to(after[1].posture);
         assert!(near(apart, pose(posture), 2e-6), "{apart:?}");
         assert!(output.ipec.is_some());
@@ -682,7 +682,7 @@ fn beam_is_accepted_up_to_the_gate_or_after_patience_and_counted() {
         };
         config.build().unwrap()
     });
-    let seen = |rejected_in_a_row| Beam {
+    let beam_state = |rejected_in_a_row| Beam {
         relative: straight(),
         rejected_in_a_row,
     };
@@ -696,7 +696,7 @@ fn beam_is_accepted_up_to_the_gate_or_after_patience_and_counted() {
         (&open, f32::INFINITY, 9, false),
     ] {
         assert_eq!(
-            fusion.accepts(&seen(rejected), nis),
+            fusion.accepts(&beam_state(rejected), nis),
             accepted,
             "{nis} {rejected}"
         );
@@ -708,7 +708,7 @@ fn beam_is_accepted_up_to_the_gate_or_after_patience_and_counted() {
         (Verdict::Invalid, 2, straight()),
         (Verdict::Absent, 2, straight()),
     ] {
-        let mut beam = seen(2);
+        let mut beam = beam_state(2);
         closed.count(&mut beam, verdict, &newer);
         assert_eq!(
             (beam.rejected_in_a_row, beam.relative),

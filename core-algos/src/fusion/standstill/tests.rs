@@ -41,7 +41,7 @@ fn bias_error_equals_its_claimed_standard_deviation() {
 }
 
 /// Bias after one second at rest with readings of 0.01, in the sensor's unit.
-fn seen(zeroing: &Zeroing) -> Bias {
+fn new_bias(zeroing: &Zeroing) -> Bias {
     let mut bias = Bias::default();
     for _ in 0..1000 {
         zeroing.step(&mut bias, true, Some(0.01));
@@ -69,7 +69,7 @@ fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
             (false, Some(f32::NAN), false, true),
             (false, None, false, true),
         ] {
-            let mut bias = seen(&zeroing);
+            let mut bias = new_bias(&zeroing);
             let before = bias;
             let given = zeroing.step(&mut bias, at_rest, reading);
             assert_eq!(bias.value() != before.value(), follows, "{reading:?}");
@@ -131,7 +131,7 @@ fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measure
             ..fast
         };
         let zeroing = config.build(PERIOD).unwrap();
-        let mut bias = seen(&zeroing);
+        let mut bias = new_bias(&zeroing);
         for _ in 0..1000 {
             assert_eq!(zeroing.step(&mut bias, true, None), None);
         }

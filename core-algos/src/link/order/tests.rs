@@ -2,7 +2,7 @@ use super::*;
 use crate::control::regulator::Tolerance;
 use crate::math::Posture;
 use crate::node::board::{Board, Ready};
-use crate::node::robot::{RobotConfig, Told};
+use crate::node::robot::{ConfiguredPlacement, RobotConfig};
 use crate::topology::Role;
 
 fn front() -> Board {
@@ -36,13 +36,14 @@ fn points(
 
 #[test]
 fn place_task_and_loss_reach_the_lead_node() {
-    let place = RobotConfig::default().put_down(Posture::new(2.0, 1.0, 0.5), &Told::default());
+    let placement = RobotConfig::default()
+        .placement(Posture::new(2.0, 1.0, 0.5), &ConfiguredPlacement::default());
     let goal = Posture::new(1.0, 0.0, 0.0);
     let mut nodes = front();
     let lead = nodes.lead().unwrap();
     let mut expected = lead.clone();
     for order in [
-        Order::Place(place),
+        Order::SetPose(placement),
         Order::Task(Task::regulate(goal)),
         Order::Lost,
         Order::Task(Task::follow()),
@@ -50,12 +51,12 @@ fn place_task_and_loss_reach_the_lead_node() {
     ] {
         let before = expected.clone();
         match order {
-            Order::Place(place) => expected.initialize(&place),
+            Order::SetPose(placement) => expected.initialize(&placement),
             Order::Task(task) => expected.command(task),
-            _ => expected.lose_commander(),
+            _ => expected.on_host_lost(),
         }
         assert_ne!(before, expected, "{order:?}");
-        assert_eq!(order.carry_out(lead), Ok(()));
+        assert_eq!(order.execute(lead), Ok(()));
         assert_eq!(*lead, expected, "{order:?}");
     }
 }
@@ -106,7 +107,7 @@ fn task_that_is_not_finite_or_too_tight_is_refused_and_changes_nothing() {
         (Task::Stop, Ok(())),
     ] {
         let before = lead.clone();
-        assert_eq!(Order::Task(task).carry_out(lead), expected, "{task:?}");
+        assert_eq!(Order::Task(task).execute(lead), expected, "{task:?}");
         assert_eq!(before == *lead, expected.is_err(), "{task:?}");
     }
 }
@@ -166,7 +167,7 @@ fn points_are_appended_up_to_the_first_that_is_refused() {
             ];
             for (order, expected) in orders {
                 let mut lead = lead.clone();
-                assert_eq!(order.carry_out(&mut lead).err(), error, "{order:?}");
+                assert_eq!(order.execute(&mut lead).err(), error, "{order:?}");
                 assert!(lead == expected, "{order:?}");
             }
         }
@@ -177,9 +178,10 @@ fn points_are_appended_up_to_the_first_that_is_refused() {
 fn place_order_with_nan_is_refused() {
     let mut nodes = front();
     let lead = nodes.lead().unwrap();
-    let mut place = RobotConfig::default().put_down(Posture::ORIGIN, &Told::default());
-    place.center.posture.x = f32::NAN;
-    let refused = Order::Place(place).carry_out(lead);
+    let mut placement =
+        RobotConfig::default().placement(Posture::ORIGIN, &ConfiguredPlacement::default());
+    placement.center.posture.x = f32::NAN;
+    let refused = Order::SetPose(placement).execute(lead);
     assert_eq!(refused, Err(PathError::NotFinite));
     assert!(lead.fusion().is_none());
 }

@@ -2,7 +2,7 @@ use super::*;
 use crate::bus;
 use crate::link::order::Order;
 use crate::link::protocol::{self, Packed, Request};
-use crate::link::tests::{Host, axle, echo, order, place, start};
+use crate::link::tests::{Host, axle, echo, order, placement, start};
 use crate::math::Posture;
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
@@ -97,7 +97,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
     // In range, but beyond the next gauge.
     let gauge = index("robot.beam.strip.gauges_m[0]");
     host.expect(&set(gauge, 0.2), Reply::Done);
-    let payload = host.ask(&Request::SaveParameters);
+    let payload = host.request(&Request::SaveParameters);
     let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload) else {
         panic!("saved");
     };
@@ -108,7 +108,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
 #[test]
 fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     let set = set(0, 0.08);
-    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(placement()));
     host.expect(&set, Reply::Done);
     let mut waiting = Vec::<bus::CanFrame>::new();
     let mut drives = false;
@@ -121,7 +121,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
         for frame in &waiting {
             packed.push(frame);
         }
-        let payload = host.ask(&axle(tick, packed.bytes()));
+        let payload = host.request(&axle(tick, packed.bytes()));
         let Some((_, Reply::Axle { active, bus, .. })) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };

@@ -82,8 +82,8 @@ declare! {
 impl Limits {
     /// True if a posture error is within `times` the tracking limits.
     pub(super) fn near(&self, error: Posture, times: f32) -> bool {
-        let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
-        error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn
+        let (distance, turn) = (times * self.tracking_m, times * self.tracking_rad);
+        error.x.abs() <= distance && error.y.abs() <= distance && error.phi.abs() <= turn
     }
 
     /// True if a motion keeps both wheels within the speed limit.

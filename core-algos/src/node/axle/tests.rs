@@ -97,8 +97,12 @@ fn odometry_follows_an_arc() {
     for tick in 0..=4500u64 {
         // Speed rises for one second, then stays.
         let t = tick as f64 * 1e-3;
-        let way = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
-        step(&mut node, tick * TICK, &turned([3.0 * way, 4.0 * way]));
+        let rotation = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
+        step(
+            &mut node,
+            tick * TICK,
+            &turned([3.0 * rotation, 4.0 * rotation]),
+        );
     }
     // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
     let (v, omega) = (0.2555f64, 0.073 / 0.324);
@@ -311,16 +315,16 @@ fn refused_measurements_are_counted() {
     assert_eq!(reported.state.refused, 0, "reported at 60 ms");
     // A wheel that is too fast for its filter, and a wheel whose count jumps.
     for side in 0..2 {
-        let mut seen = [false; 2];
+        let mut occurred = [false; 2];
         for counts in (0..4000).step_by(20) {
             let mut samples = still();
             samples.encoder[Side::BOTH[side]] = Some(counts);
             let (count, jumped) = refused(&samples);
             assert!(count <= 1 && !jumped[1 - side], "{counts} {count}");
             assert!(count == 1 || !jumped[side], "{counts}");
-            seen[usize::from(jumped[side])] |= count == 1;
+            occurred[usize::from(jumped[side])] |= count == 1;
         }
-        assert_eq!(seen, [true; 2], "{side}");
+        assert_eq!(occurred, [true; 2], "{side}");
     }
 }
 
@@ -335,16 +339,16 @@ fn stop_bounds_torque_by_a_share_of_the_held_torque() {
     for (hold, expected) in [(1.0, [1.0, -2.0]), (0.25, [0.25, -0.5]), (0.0, [0.0; 2])] {
         stop.hold = hold;
         let mut torque_nm = [1.0, -2.0].into();
-        stop.let_go(&mut torque_nm);
+        stop.bound_release(&mut torque_nm);
         assert_eq!(torque_nm.list(), expected);
     }
     // The wheel with the larger torque counts, at the start of the release and now.
     stop.hold = 1.0;
-    stop.let_go(&mut [0.5, -4.0].into());
+    stop.bound_release(&mut [0.5, -4.0].into());
     stop.hold = 0.5;
     for (torque_nm, expected) in [([1.0, -8.0], [0.25, -2.0]), ([4.0, 0.0], [2.0, 0.0])] {
         let mut torque_nm = torque_nm.into();
-        stop.let_go(&mut torque_nm);
+        stop.bound_release(&mut torque_nm);
         assert_eq!(torque_nm.list(), expected);
     }
 }
@@ -445,9 +449,9 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
         node.state.halted
     });
     assert!((1049..=1052).contains(&ticks.unwrap()), "{ticks:?}");
-    let (way, turned) = (0.02 / 0.3f32.cos(), 0.6 / (0.37 * 0.3f32.cos()) * 0.02);
+    let (distance, turned) = (0.02 / 0.3f32.cos(), 0.6 / (0.37 * 0.3f32.cos()) * 0.02);
     let at = reference.posture;
-    assert!((at.x.hypot(at.y) / way - 1.0).abs() < 1e-3, "{at:?}");
+    assert!((at.x.hypot(at.y) / distance - 1.0).abs() < 1e-3, "{at:?}");
     assert!((at.phi / turned - 1.0).abs() < 1e-3, "{at:?}");
 }
 
@@ -469,7 +473,7 @@ fn reference_across_the_end_of_the_position_span_is_near() {
 fn backlash_counts_in_the_share_of_the_heading_by_the_wheels() {
     let variance = |gyro_samples, ticks| {
         let mut node = node(AxleId(0));
-        (0..ticks).for_each(|_| node.state.play[0].step(0.1));
+        (0..ticks).for_each(|_| node.state.backlash[0].step(0.1));
         node.state.gyro_samples = gyro_samples;
         let mut outbox = Outbox::new();
         node.report(0, &mut outbox);
@@ -651,10 +655,10 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
         let mut node = node(AxleId(0));
         let samples = still();
         for tick in 0..300u64 {
-            let heard = node.state.peers;
+            let peers = node.state.peers;
             let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
             if tick >= 100 && silent {
-                node.state.peers = heard;
+                node.state.peers = peers;
             } else if tick >= 100 {
                 let reason = Condition::SupplyLow.code();
                 let stop = beat(Node::axle(1), now, OperatingState::SafeStop, reason);
@@ -735,8 +739,8 @@ fn accelerating_turn_is_estimated_without_the_delay_of_the_gyro() {
         samples.gyro_rad_s = Some((QUICKENS_RAD_S2 * late) as f32);
         step(&mut node, now, &samples);
     }
-    let told = f64::from(node.state.filter.posture().phi);
-    let lag = (heading - told) / (QUICKENS_RAD_S2 * 1.5);
+    let estimated = f64::from(node.state.filter.posture().phi);
+    let lag = (heading - estimated) / (QUICKENS_RAD_S2 * 1.5);
     assert!(lag.abs() < 1e-4, "{lag} s");
 }
 

@@ -81,11 +81,11 @@ impl AxleNode {
                     false => astray(2.0),
                 });
         let mut stalled = false;
-        let mut blind = false;
+        let mut encoder_fault = false;
         for (wheel, side) in state.wheels.iter().zip(Side::BOTH) {
             let pushes = state.output.torque_nm[side].abs() >= self.stall_torque;
             stalled |= pushes && wheel.speed_rad_s.abs() <= self.limits.stall_rad_s;
-            blind |= samples.encoder[side].is_none() || wheel.jumped;
+            encoder_fault |= samples.encoder[side].is_none() || wheel.jumped;
         }
         let by_wheels = self.wheel_radius * 0.5 / self.half_track
             * (state.wheels[1].speed_rad_s - state.wheels[0].speed_rad_s);
@@ -113,7 +113,7 @@ impl AxleNode {
             .with(Condition::NeighbourLost, lost)
             .with(Condition::NeighbourFault, powered && failed)
             .with(Condition::NotANumber, state.output.invalid || unsound)
-            .with(Condition::EncoderFault, blind)
+            .with(Condition::EncoderFault, encoder_fault)
             .with(Condition::TrackingLost, active && astray(1.0))
             .with(Condition::StopNotFollowed, unstopped)
             .with(Condition::MotorStall, stalled)

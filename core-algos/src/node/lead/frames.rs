@@ -30,10 +30,10 @@ pub(super) fn step(
         last.y + sin * moved.x + cos * moved.y,
         last.phi + moved.phi,
     );
-    let way = sqrt(moved.x * moved.x + moved.y * moved.y);
+    let distance_m = sqrt(moved.x * moved.x + moved.y * moved.y);
     let [x, y, turn] = map.minus(odom);
-    let share = (DRAWN_M_PER_M * way / sqrt(x * x + y * y).max(1e-9)).min(1.0);
-    let most = DRAWN_RAD_PER_M * way;
+    let share = (DRAWN_M_PER_M * distance_m / sqrt(x * x + y * y).max(1e-9)).min(1.0);
+    let most = DRAWN_RAD_PER_M * distance_m;
     let turn = clamp(turn, -most, most);
     Posture::new(
         odom.x + share * x,
@@ -50,10 +50,15 @@ mod tests {
     #[test]
     fn odom_never_goes_beyond_map() {
         let last = Posture::new(0.0, 0.0, 0.0);
-        for way in [1.0f32, 100.0] {
-            let map = Posture::new(way + 1e-3, -2e-3, 1e-3);
-            let odom = step(Some(last), (0.0, Posture::new(way, 0.0, 0.0)), map, true);
-            assert!(odom.distance(map) < 1e-5 * way, "{odom:?} {map:?}");
+        for distance_m in [1.0f32, 100.0] {
+            let map = Posture::new(distance_m + 1e-3, -2e-3, 1e-3);
+            let odom = step(
+                Some(last),
+                (0.0, Posture::new(distance_m, 0.0, 0.0)),
+                map,
+                true,
+            );
+            assert!(odom.distance(map) < 1e-5 * distance_m, "{odom:?} {map:?}");
         }
         // No motion and no difference.
         let still = step(Some(last), (0.0, Posture::ORIGIN), last, true);
@@ -72,9 +77,9 @@ mod tests {
         assert_eq!(step(None, moved(map), map, true), map);
         for number in 1..=50u8 {
             let before = odom;
-            let way = moved(map);
+            let movement = moved(map);
             map = map.compose(ahead);
-            odom = step(Some(before), way, map, true);
+            odom = step(Some(before), movement, map, true);
             let [x, y, turn] = odom.minus(before.compose(ahead));
             assert!(
                 sqrt(x * x + y * y) < 0.002 + 1e-5 && turn.abs() < 0.002 + 1e-6,

@@ -105,8 +105,8 @@ impl Pair {
             self.used = Some(Stamped::new(now, beam.time));
         }
         let output = with.step(fusion, &inputs);
-        let judged = matches!(output.beam.verdict, Verdict::Used | Verdict::Gated);
-        if judged && fusion.joint().is_some() {
+        let tested = matches!(output.beam.verdict, Verdict::Used | Verdict::Gated);
+        if tested && fusion.joint().is_some() {
             self.nis += NIS_SHARE * (output.beam.nis.min(NIS_MOST) - self.nis);
         }
         match (known, beam) {

@@ -1,7 +1,7 @@
 //! Messages of the lead node: its status, and the references of the axles.
 
 use super::pair::Fused;
-use super::{AXLES, LET_GO, LeadNode, Output, ROBOT, Task};
+use super::{AXLES, LeadNode, Output, RELAXED_RAD, ROBOT, Task};
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::governor;
@@ -21,7 +21,7 @@ impl LeadNode {
     ) -> Output {
         self.with.governor.stop(&mut self.state.governor);
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
-            self.settle(fused);
+            self.restart_governor_if_relaxed(fused);
         }
         let motion = self.state.governor.motion;
         let mode = match self.state.task {
@@ -92,10 +92,10 @@ impl LeadNode {
     }
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
-    fn settle(&mut self, fused: &Fused) {
+    fn restart_governor_if_relaxed(&mut self, fused: &Fused) {
         let [pair] = &fused.pairs;
         let steering = pair.relative_heading().steering();
-        if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
+        if !((steering.0 - self.state.governor.motion.psi.0).abs() <= RELAXED_RAD) {
             self.state.governor = governor::State::at_rest(steering);
         }
     }

@@ -7,7 +7,7 @@ use crate::math::Posture;
 /// Start posture of the robot with its uncertainty, and the drift of the floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Place {
+pub struct Placement {
     /// Posture of the midpoint.
     pub center: Estimate,
     /// Front axle in the rear axle's frame.
@@ -16,14 +16,14 @@ pub struct Place {
     pub floor_drift: f32,
 }
 
-/// Largest coordinate of a place, m: single precision resolves 8 mm there.
+/// Largest coordinate of a placement, m: single precision resolves 8 mm there.
 const FARTHEST_M: f32 = 1e5;
-/// Largest standard deviation of a place, m and rad.
+/// Largest standard deviation of a placement, m and rad.
 const WIDEST: f32 = 1e3;
 
-impl Place {
-    /// True if an estimate can start from this place: every number is finite and within its range, and no variance is
-    /// negative.
+impl Placement {
+    /// True if an estimate can start from this placement: every number is finite and within its range, and no variance
+    /// is negative.
     pub fn is_sound(&self) -> bool {
         let near = |estimate: &Estimate| {
             let Posture { x, y, phi } = estimate.posture;

@@ -55,7 +55,7 @@ fn node() -> LeadNode {
 fn node_of(config: &RobotConfig) -> LeadNode {
     let mut node = LeadNode::new(config.build_lead().unwrap());
     let relative = Posture::new(0.37, 0.0, 0.0);
-    node.initialize(&Place {
+    node.initialize(&Placement {
         center: Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),
         relative: Estimate::with_sigmas(relative, [1e-3; 3]),
         floor_drift: 0.01,
@@ -353,17 +353,17 @@ fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
 /// Limits: coordinates of 100 km, standard deviations of 1 km, a floor drift of 1.
 #[test]
 fn start_place_is_sound_within_its_ranges() {
-    let sound = RobotConfig::default().put_down(Posture::ORIGIN, &Default::default());
+    let sound = RobotConfig::default().placement(Posture::ORIGIN, &Default::default());
     assert!(sound.is_sound());
     for relative in [false, true] {
         let changed = |change: &dyn Fn(&mut Estimate)| {
-            let mut place = sound;
+            let mut placement = sound;
             change(if relative {
-                &mut place.relative
+                &mut placement.relative
             } else {
-                &mut place.center
+                &mut placement.center
             });
-            place.is_sound()
+            placement.is_sound()
         };
         for (value, expected) in [
             (1e5, true),
@@ -408,11 +408,11 @@ fn start_place_is_sound_within_its_ranges() {
         (-0.01, false),
         (f32::NAN, false),
     ] {
-        let place = Place {
+        let placement = Placement {
             floor_drift: drift,
             ..sound
         };
-        assert_eq!(place.is_sound(), expected, "{drift}");
+        assert_eq!(placement.is_sound(), expected, "{drift}");
     }
 }
 
@@ -553,8 +553,8 @@ fn a_drive_begins_with_the_bend_of_the_frame() {
     // The relative heading is 0.2 rad, a steering of 0.1 rad. Up to 0.05 rad of difference count as error of the
     // estimate.
     let config = RobotConfig::default();
-    let mut place = config.put_down(Posture::ORIGIN, &Default::default());
-    place.relative.posture.phi = 0.2;
+    let mut placement = config.placement(Posture::ORIGIN, &Default::default());
+    placement.relative.posture.phi = 0.2;
     for (commanded, begins) in [
         (0.3, 0.1),
         (-0.1, 0.1),
@@ -564,7 +564,7 @@ fn a_drive_begins_with_the_bend_of_the_frame() {
         (0.04, 0.1),
     ] {
         let mut node = node();
-        node.initialize(&place);
+        node.initialize(&placement);
         node.state.governor.motion.psi = Steering(commanded);
         let output = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
         assert!((output.motion.psi.0 - begins).abs() < 2e-3, "{commanded}");

@@ -19,7 +19,7 @@
 //! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
 //! | estimate too uncertain | `EstimateVague` | 5 m, 0.5 rad | always | reported to the user |
 //! | task done, but the 95 % ellipse too large or a sensor inconsistent | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
-//! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`Doubt`] | always | reported to the user |
+//! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`InconsistentSensor`] | always | reported to the user |
 //! | running mean of the beam's NIS | `BeamInconsistent` | 3.0 | always | reported to the user |
 //! | no speed command, or host lost | `CommanderSilent` | 200 ms, at once | driven by hand; always | nobody steers |
 //! | task without success | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
@@ -40,7 +40,7 @@ use super::pair::{Fused, Pair};
 use super::track::AxleTrack;
 use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, ROBOT, STILL, Task};
 use crate::fusion::Estimate;
-use crate::fusion::joint::Doubt;
+use crate::fusion::joint::InconsistentSensor;
 use crate::fusion::robot;
 use crate::math::matrix::is_finite;
 use crate::math::trig::sqrt;
@@ -53,7 +53,7 @@ use crate::topology::Node;
 const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
 
 /// Conditions of a pair whose estimate may be wrong.
-const DOUBTS: Conditions = Conditions::NONE
+const INCONSISTENT: Conditions = Conditions::NONE
     .with(Condition::WheelsInconsistent, true)
     .with(Condition::GaugesInconsistent, true)
     .with(Condition::GyrosInconsistent, true)
@@ -61,7 +61,7 @@ const DOUBTS: Conditions = Conditions::NONE
 
 impl LeadNode {
     /// Handles the loss of the commanding host: a robot that drives stops, and its task is not done.
-    pub fn lose_commander(&mut self) {
+    pub fn on_host_lost(&mut self) {
         if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear)
             && !self.state.is_over()
         {
@@ -136,8 +136,8 @@ impl LeadNode {
         // Wheels may slip while a swinging frame is brought to rest, before the drive.
         let driving = operating == OperatingState::Active;
         let refused = driving && fused.is_some_and(Fused::is_refused);
-        let doubtful = state.done
-            && (!pairs.both(DOUBTS).is_empty()
+        let uncertain = state.done
+            && (!pairs.both(INCONSISTENT).is_empty()
                 || robot.is_some_and(|robot| !self.is_certain(robot)));
         let failed = state.failed;
         pairs
@@ -150,7 +150,7 @@ impl LeadNode {
             .with(Condition::NotANumber, unsound)
             .with(Condition::EstimateInconsistent, refused)
             .with(Condition::EstimateVague, vague)
-            .with(Condition::ReachedUncertain, doubtful)
+            .with(Condition::ReachedUncertain, uncertain)
             .with(Condition::CommanderSilent, state.is_silent())
             .with(Condition::GaveUp, failed == Some(Condition::GaveUp))
             .with(Condition::NoProgress, failed == Some(Condition::NoProgress))
@@ -180,17 +180,26 @@ impl LeadNode {
             });
         let bent = heading
             .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.bend_rad));
-        let doubt = pair
+        let inconsistent = pair
             .fusion
             .as_ref()
-            .and_then(|fusion| self.with.fusion.doubt(fusion));
+            .and_then(|fusion| self.with.fusion.inconsistent_sensor(fusion));
         Conditions::NONE
             .with(Condition::BeamLost, self.with.fusion.uses_beam() && missed)
             .with(Condition::FrameBent, bent)
             .with(Condition::WrenchHigh, strained)
-            .with(Condition::WheelsInconsistent, doubt == Some(Doubt::Wheels))
-            .with(Condition::GaugesInconsistent, doubt == Some(Doubt::Gauges))
-            .with(Condition::GyrosInconsistent, doubt == Some(Doubt::Gyros))
+            .with(
+                Condition::WheelsInconsistent,
+                inconsistent == Some(InconsistentSensor::Wheels),
+            )
+            .with(
+                Condition::GaugesInconsistent,
+                inconsistent == Some(InconsistentSensor::Gauges),
+            )
+            .with(
+                Condition::GyrosInconsistent,
+                inconsistent == Some(InconsistentSensor::Gyros),
+            )
             .with(Condition::BeamInconsistent, !(pair.nis <= NIS_LIMIT))
     }
 }

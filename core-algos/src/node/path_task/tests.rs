@@ -66,7 +66,10 @@ fn path_of_any_length_streams_through_the_buffer() {
         assert!((step.target.unwrap().x - x).abs() < 1e-4);
         // The stream keeps ahead, so nothing slows the robot down before the end.
         let expected = if x < 19.7 { 0.2 } else { 0.1 };
-        assert!(step.wish.unwrap().v > expected - 1e-3, "{x}: {step:?}");
+        assert!(
+            step.governor_input.unwrap().v > expected - 1e-3,
+            "{x}: {step:?}"
+        );
         x += 0.05;
     }
     assert_eq!(feed(&mut state), usize::from(count));
@@ -80,11 +83,13 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     state.restart();
     let mut x = 0.0;
     let mut drive = |state: &mut State, epochs: usize| {
-        let mut last = Step::default();
+        let mut last = PathStep::default();
         let mut v = 0.0;
         for _ in 0..epochs {
             last = task.follow(state, Posture::new(x, 0.0, 0.0), &WITHIN, &moving(v));
-            v = last.wish.map_or(0.0, |wish| wish.v);
+            v = last
+                .governor_input
+                .map_or(0.0, |governor_input| governor_input.v);
             x += 0.01 * v;
         }
         (x, last)
@@ -96,7 +101,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     state.finish_path();
     let (x, ended) = drive(&mut state, 1500);
     assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
-    assert_eq!(ended.wish, None);
+    assert_eq!(ended.governor_input, None);
     // A robot that is pushed away does not start again.
     let pushed = task.follow(
         &mut state,
@@ -104,7 +109,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
         &WITHIN,
         &moving(0.0),
     );
-    assert!(pushed.done && pushed.wish.is_none());
+    assert!(pushed.done && pushed.governor_input.is_none());
 }
 
 #[test]
@@ -124,7 +129,7 @@ fn loop_starts_at_its_first_point() {
     state.restart();
     let behind = Posture::new(-0.002, 0.0, 0.0);
     let step = task.follow(&mut state, behind, &WITHIN, &moving(0.0));
-    assert!(!step.done && step.wish.unwrap().v > 0.1);
+    assert!(!step.done && step.governor_input.unwrap().v > 0.1);
 }
 
 #[test]
@@ -132,9 +137,9 @@ fn nothing_moves_without_points() {
     let (task, mut state) = (task(), State::default());
     state.restart();
     let step = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.1));
-    assert_eq!(step, Step::default());
+    assert_eq!(step, PathStep::default());
     let step = task.track(&mut state, 10_000, Posture::ORIGIN, &WITHIN, &moving(0.1));
-    assert_eq!(step, Step::default());
+    assert_eq!(step, PathStep::default());
     // The time of the trajectory has not begun.
     assert_eq!(state.start, None);
 }
@@ -182,7 +187,7 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
     assert_eq!(state.trajectory_room(), 0);
     state.restart();
     let begin = 7_770_000;
-    let mut last = Step::default();
+    let mut last = PathStep::default();
     for epoch in 0..1100u64 {
         feed(&mut state);
         let now = begin + epoch * 10_000;
@@ -199,7 +204,7 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
         let tolerance = if epoch < 995 { 2e-4 } else { 5e-3 };
         assert!((last.target.unwrap().x - x).abs() < tolerance, "{epoch}");
     }
-    assert!(last.done && last.wish.is_none());
+    assert!(last.done && last.governor_input.is_none());
 }
 
 /// Epochs, of 400, until the task requests no motion, and until it reports a robot that does not move, for a robot
@@ -215,14 +220,17 @@ fn held(at: Posture) -> (usize, usize) {
         let posture = Posture::new(share * at.x, share * at.y, share * at.phi);
         assert!(
             task.follow(&mut state, posture, &WITHIN, &moving(0.1))
-                .wish
+                .governor_input
                 .is_some()
         );
     }
-    let steps: [Step; 400] =
+    let steps: [PathStep; 400] =
         core::array::from_fn(|_| task.follow(&mut state, at, &WITHIN, &moving(0.0)));
-    let first = |is: fn(&Step) -> bool| steps.iter().position(is).unwrap_or(steps.len());
-    (first(|step| step.wish.is_none()), first(|step| step.stuck))
+    let first = |is: fn(&PathStep) -> bool| steps.iter().position(is).unwrap_or(steps.len());
+    (
+        first(|step| step.governor_input.is_none()),
+        first(|step| step.stuck),
+    )
 }
 
 #[test]
@@ -263,13 +271,13 @@ fn robot_half_a_metre_from_path_or_trajectory_is_lost_until_the_task_is_given_ag
         state.restart();
         let step = task.follow(&mut state, at, &WITHIN, &moving(0.1));
         assert_eq!(
-            (state.is_lost(), step.wish.is_none()),
+            (state.is_lost(), step.governor_input.is_none()),
             (lost, lost),
             "{at:?}"
         );
         let back = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.1));
         assert_eq!(
-            (state.is_lost(), back.wish.is_none()),
+            (state.is_lost(), back.governor_input.is_none()),
             (lost, lost),
             "{at:?}"
         );
@@ -293,10 +301,10 @@ fn robot_held_at_the_start_of_a_loop_is_stuck() {
     }
     state.finish_path();
     state.restart();
-    let mut step = Step::default();
+    let mut step = PathStep::default();
     for _ in 0..250 {
         step = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.0));
-        assert!(!step.done && step.wish.is_some());
+        assert!(!step.done && step.governor_input.is_some());
     }
     assert!(step.stuck);
 }
@@ -348,11 +356,11 @@ fn points_pushed_after_the_end_begin_a_new_course() {
 }
 
 #[test]
-fn robot_rests_when_wish_and_motion_have_faded() {
+fn robot_rests_when_input_and_motion_have_faded() {
     let task = task();
     let slow = task.rest_speed;
     for finished in [false, true] {
-        for (wished, driven, faded) in [
+        for (commanded, driven, faded) in [
             (slow, -slow, true),
             (-slow, slow, true),
             (slow.next_up(), 0.0, false),
@@ -366,17 +374,17 @@ fn robot_rests_when_wish_and_motion_have_faded() {
                 end: None,
                 asked: true,
             };
-            let wish = Wish {
-                v: wished,
-                ..Wish::default()
+            let governor_input = GovernorInput {
+                v: commanded,
+                ..GovernorInput::default()
             };
             let at = (Posture::ORIGIN, &WITHIN);
-            let step = task.conclude(&mut state, &course, at, wish, &moving(driven));
+            let step = task.conclude(&mut state, &course, at, governor_input, &moving(driven));
             let rests = finished && faded;
             assert_eq!(
-                (state.resting, step.wish.is_none()),
+                (state.resting, step.governor_input.is_none()),
                 (rests, rests),
-                "{wished} {driven}"
+                "{commanded} {driven}"
             );
             assert!(!step.done, "it still moves");
         }

@@ -28,9 +28,9 @@ impl Board {
     }
 
     /// One tick; the timer's period is trimmed by parts in 4200.
-    fn tick(&mut self) -> Step {
+    fn tick(&mut self) -> TickStep {
         let step = self.ticks.step(self.local(self.next));
-        if let Step::Run(now) | Step::Restart(now) = step {
+        if let TickStep::Run(now) | TickStep::Restart(now) = step {
             self.ran = Some((now, self.next));
             assert_eq!(self.ticks.last(), Some(now));
         }
@@ -65,9 +65,9 @@ fn run(front: &mut Board, rear: &mut Board, until: f64, talk: bool) -> [u32; 3] 
             }
         } else {
             counts[match rear.tick() {
-                Step::Wait => 0,
-                Step::Run(_) => 1,
-                Step::Restart(_) => 2,
+                TickStep::Wait => 0,
+                TickStep::Run(_) => 1,
+                TickStep::Restart(_) => 2,
             }] += 1;
         }
     }
@@ -124,20 +124,20 @@ fn restarted_front_board_restarts_the_others_once() {
 #[test]
 fn gaps_are_counted_and_long_ones_restart() {
     let mut ticks = TickSync::leading();
-    assert_eq!(ticks.step(10_000), Step::Run(10_000));
-    assert_eq!(ticks.step(11_002), Step::Run(11_000));
+    assert_eq!(ticks.step(10_000), TickStep::Run(10_000));
+    assert_eq!(ticks.step(11_002), TickStep::Run(11_000));
     assert_eq!(ticks.conditions(), Conditions::NONE);
     assert_eq!(ticks.trim(), -1);
-    assert_eq!(ticks.step(13_998), Step::Run(14_000));
+    assert_eq!(ticks.step(13_998), TickStep::Run(14_000));
     assert_eq!((ticks.trim(), ticks.missed()), (1, 2));
     assert!(ticks.conditions().contains(Condition::TickLate));
-    assert_eq!(ticks.step(20_000), Step::Restart(20_000));
+    assert_eq!(ticks.step(20_000), TickStep::Restart(20_000));
     // No millisecond runs twice.
-    assert_eq!(ticks.step(20_040), Step::Restart(20_000));
+    assert_eq!(ticks.step(20_040), TickStep::Restart(20_000));
     let stepped = Conditions::only(Condition::ClockStepped);
     assert_eq!(ticks.conditions(), stepped);
-    assert_eq!(ticks.step(21_450), Step::Wait);
-    assert_eq!(ticks.step(5_000), Step::Restart(5_000));
+    assert_eq!(ticks.step(21_450), TickStep::Wait);
+    assert_eq!(ticks.step(5_000), TickStep::Restart(5_000));
     assert_eq!(ticks.restarts(), 3);
 }
 
@@ -175,7 +175,7 @@ fn board_coming_into_step_misses_no_tick() {
         if k % 10 == 0 {
             ticks.receive(k * TICK + 100, &sync((k / 10) as u32, Some(100)));
         }
-        runs += u32::from(ticks.step(local) != Step::Wait);
+        runs += u32::from(ticks.step(local) != TickStep::Wait);
     }
     assert!(runs > 1_000, "{runs}");
     assert_eq!(ticks.missed(), 0);
@@ -195,12 +195,12 @@ fn missed_ticks_are_passed_over_up_to_5_ms() {
     ] {
         let mut ticks = TickSync::leading();
         let first = ticks.step(10 * TICK);
-        assert_eq!(first, Step::Run(10 * TICK));
+        assert_eq!(first, TickStep::Run(10 * TICK));
         let now = (10 + ms) * TICK;
         let expected = if restart {
-            Step::Restart(now)
+            TickStep::Restart(now)
         } else {
-            Step::Run(now)
+            TickStep::Run(now)
         };
         assert_eq!(ticks.step(now), expected, "{ms}");
         assert_eq!(
@@ -216,7 +216,7 @@ fn missed_ticks_are_passed_over_up_to_5_ms() {
 
 #[test]
 fn delay_of_a_whole_epoch_is_not_sent() {
-    for (delay, told) in [(9_999, Some(9_999)), (10_000, None)] {
+    for (delay, expected) in [(9_999, Some(9_999)), (10_000, None)] {
         let mut ticks = TickSync::leading();
         ticks.step(0);
         ticks.sync(0, None);
@@ -225,6 +225,6 @@ fn delay_of_a_whole_epoch_is_not_sent() {
             Message::TimeSync { last_delay_us, .. } => last_delay_us,
             _ => panic!("{message:?}"),
         });
-        assert_eq!(found, Some(told));
+        assert_eq!(found, Some(expected));
     }
 }

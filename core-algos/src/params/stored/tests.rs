@@ -32,7 +32,7 @@ const RADIUS: &str = "robot.geometry.wheel_radius_m";
 fn saved_values_are_loaded_and_only_changes_are_written() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
-    let (_, report) = contents.settle(&base, check);
+    let (_, report) = contents.resolve(&base, check);
     assert!(report.conditions().is_empty() && report.stored() == 0);
     assert_eq!(save(&mut contents, &base, &base), 0);
     assert_eq!(contents, Contents::EMPTY);
@@ -40,12 +40,12 @@ fn saved_values_are_loaded_and_only_changes_are_written() {
     assert_eq!(save(&mut contents, &settings, &base), 1);
     assert_eq!(save(&mut contents, &settings, &base), 0);
     assert_eq!(contents.manifest(), None, "it is in the store already");
-    let (loaded, report) = contents.settle(&base, check);
+    let (loaded, report) = contents.resolve(&base, check);
     assert_eq!((loaded, report.stored()), (settings, 1));
     assert_eq!(report.conditions(), Conditions::NONE);
     // A value equal to the default is saved like any other.
     assert_eq!(save(&mut contents, &base, &base), 1);
-    assert_eq!(contents.settle(&base, check).0, base);
+    assert_eq!(contents.resolve(&base, check).0, base);
 }
 
 #[test]
@@ -57,39 +57,39 @@ fn lost_old_or_unusable_item_gives_default_and_notice() {
     save(&mut contents, &with(RADIUS, 0.09), &base);
     let notice = Conditions::only(Condition::ParameterDefault);
     let place = TABLE.iter().position(|p| p.name == RADIUS).unwrap();
-    let judge = |contents: &Contents, source: Source| {
-        let (settings, report) = contents.settle(&base, check);
+    let check_source = |contents: &Contents, source: Source| {
+        let (settings, report) = contents.resolve(&base, check);
         assert_eq!((settings, report.conditions()), (base, notice));
         assert_eq!(report.sources[place], source);
         assert_eq!(report.first().map(|p| p.name), Some(RADIUS));
     };
     let mut gone = contents;
     gone.items[place] = None;
-    judge(&gone, Source::Damaged);
+    check_source(&gone, Source::Damaged);
     let mut stale = contents;
     stale.items[place] = older.items[place];
-    judge(&stale, Source::Damaged);
+    check_source(&stale, Source::Damaged);
     let mut other = contents;
     other.items[place].as_mut().unwrap().version = 2;
-    judge(&other, Source::OtherVersion);
+    check_source(&other, Source::OtherVersion);
     let mut beyond = contents;
     beyond.items[place].as_mut().unwrap().value = f32::NAN;
-    judge(&beyond, Source::OutOfRange);
+    check_source(&beyond, Source::OutOfRange);
     // Power failure between item and manifest: the value is used, but other items may be missing.
     let mut newer = contents;
     newer.manifest = older.manifest;
     let mut unlisted = contents;
     unlisted.manifest = None;
     for contents in [newer, unlisted] {
-        let (settings, report) = contents.settle(&base, check);
+        let (settings, report) = contents.resolve(&base, check);
         assert_eq!(report.conditions(), notice);
         assert_eq!(settings, with(RADIUS, 0.09));
     }
     // A save repairs each of these stores.
     for mut damaged in [gone, stale, other, beyond, newer, unlisted] {
-        let settings = damaged.settle(&base, check).0;
+        let settings = damaged.resolve(&base, check).0;
         save(&mut damaged, &settings, &base);
-        let (again, report) = damaged.settle(&base, check);
+        let (again, report) = damaged.resolve(&base, check);
         assert_eq!((again, report.conditions()), (settings, Conditions::NONE));
     }
 }
@@ -101,7 +101,7 @@ fn values_that_contradict_each_other_are_not_used() {
     // In range, but the stop deceleration is below the acceleration.
     let name = "robot.lead.governor.stop_deceleration_m_s2";
     save(&mut contents, &with(name, 0.1), &base);
-    let (settings, report) = contents.settle(&base, check);
+    let (settings, report) = contents.resolve(&base, check);
     assert_eq!(settings, base);
     assert_eq!(report.unusable.unwrap().field, "stop_deceleration_m_s2");
     assert!(!report.conditions().is_empty());
@@ -127,7 +127,7 @@ properties! {
         contents.take(key % 100, &junk);
         contents.take(key % 100, &item.to_bytes());
         let base = Settings::default();
-        let (settings, _) = contents.settle(&base, |_| Ok(()));
+        let (settings, _) = contents.resolve(&base, |_| Ok(()));
         for parameter in &TABLE {
             prop_assert!(parameter.validate(parameter.get(&settings)).is_ok());
         }
@@ -141,7 +141,7 @@ properties! {
             let value = 0.01 * generation as f32;
             contents.take(1, &Item { version: 1, generation, value }.to_bytes());
         }
-        let (settings, _) = contents.settle(&Settings::default(), |_| Ok(()));
+        let (settings, _) = contents.resolve(&Settings::default(), |_| Ok(()));
         prop_assert_eq!(settings.robot.geometry.wheel_radius_m, 0.01 * 5.0f32);
     }
 }

@@ -4,13 +4,13 @@ use proptest::prelude::{any, prop, prop_assert, prop_assert_eq};
 
 const TICK: Micros = 1_000;
 
-struct Bench {
+struct SupervisorBench {
     supervisor: Supervisor,
     state: State,
     now: Micros,
 }
 
-impl Bench {
+impl SupervisorBench {
     fn new() -> Self {
         Self {
             supervisor: Config::default().build().unwrap(),
@@ -36,7 +36,7 @@ impl Bench {
         };
         bench.tick(NOTHING);
         for request in requests {
-            bench.ask(*request);
+            bench.request(*request);
         }
         assert_eq!(bench.state.operating(), state);
         bench
@@ -56,8 +56,8 @@ impl Bench {
         self.step(input)
     }
 
-    fn ask(&mut self, request: StateRequest) -> Output {
-        self.tick(asked(NOTHING, request))
+    fn request(&mut self, request: StateRequest) -> Output {
+        self.tick(with_request(NOTHING, request))
     }
 
     fn with(&mut self, condition: Condition) -> Output {
@@ -94,7 +94,7 @@ fn present(condition: Condition) -> Input {
     }
 }
 
-fn asked(input: Input, request: StateRequest) -> Input {
+fn with_request(input: Input, request: StateRequest) -> Input {
     Input {
         request: Some(request),
         ..input
@@ -117,7 +117,7 @@ fn condition_takes_effect_after_its_hold_time_in_every_state() {
     let mut tried = 0;
     for (state, condition) in pairs() {
         let ticks = ticks_of(condition);
-        let mut bench = Bench::in_state(state);
+        let mut bench = SupervisorBench::in_state(state);
         // Two rounds of the longest hold time take longer than the default stop timeout.
         bench.supervisor = patient();
         let before = bench.state.count(condition.class());
@@ -175,11 +175,11 @@ fn two_conditions_and_a_request_follow_the_table() {
     let requests = [None].into_iter().chain(StateRequest::ALL.map(Some));
     let requests: Vec<Option<StateRequest>> = requests.collect();
     for (state, first) in pairs() {
-        let start = Bench::in_state(state);
+        let start = SupervisorBench::in_state(state);
         for other in Condition::ALL.into_iter().filter(|other| *other >= first) {
-            let mut bench = Bench {
+            let mut bench = SupervisorBench {
                 state: start.state,
-                ..Bench::new()
+                ..SupervisorBench::new()
             };
             let both = Conditions::only(first).with(other, true);
             // As if both had held for long.
@@ -187,11 +187,11 @@ fn two_conditions_and_a_request_follow_the_table() {
             bench.state.present = both;
             bench.state.holding = both;
             for request in &requests {
-                let mut bench = Bench {
+                let mut bench = SupervisorBench {
                     state: bench.state,
-                    ..Bench {
+                    ..SupervisorBench {
                         now: bench.now,
-                        ..Bench::new()
+                        ..SupervisorBench::new()
                     }
                 };
                 let output = bench.tick(Input {
@@ -223,7 +223,7 @@ fn two_conditions_and_a_request_follow_the_table() {
 /// Among conditions of one tick, the worst counts as the first.
 #[test]
 fn first_condition_is_the_reason_until_it_is_cleared() {
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     let both = Conditions::only(Condition::EmergencyStop).with(CUT, true);
     bench.tick(Input {
         conditions: both,
@@ -233,13 +233,13 @@ fn first_condition_is_the_reason_until_it_is_cleared() {
     bench.with(Condition::NotANumber);
     assert_eq!(bench.state.first(), Some(CUT));
     // The first condition is gone and another holds: after clearing, the other is the reason.
-    let output = bench.tick(asked(
+    let output = bench.tick(with_request(
         present(Condition::EmergencyStop),
         StateRequest::Clear,
     ));
     assert_eq!(output.state, OperatingState::Fault);
     assert_eq!(output.reason, Some(Condition::EmergencyStop));
-    let output = bench.ask(StateRequest::Clear);
+    let output = bench.request(StateRequest::Clear);
     assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
 }
 
@@ -247,14 +247,18 @@ fn first_condition_is_the_reason_until_it_is_cleared() {
 #[test]
 fn clear_changes_nothing_outside_of_a_fault() {
     for state in OperatingState::ALL {
-        let mut bench = Bench::in_state(state);
+        let mut bench = SupervisorBench::in_state(state);
         let clears = state == OperatingState::Fault;
-        assert_eq!(bench.ask(StateRequest::Clear).changed, clears, "{state:?}");
+        assert_eq!(
+            bench.request(StateRequest::Clear).changed,
+            clears,
+            "{state:?}"
+        );
     }
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     bench.with(Condition::EmergencyStop);
     for _ in 0..100 {
-        let output = bench.ask(StateRequest::Clear);
+        let output = bench.request(StateRequest::Clear);
         assert_eq!(output.state, OperatingState::SafeStop);
         assert_eq!(output.reason, Some(Condition::EmergencyStop));
     }
@@ -270,66 +274,66 @@ fn stop_condition_that_is_over_needs_no_clearing_while_motors_are_off() {
             OperatingState::Boot => StateRequest::Ready,
             _ => StateRequest::Arm,
         };
-        let mut bench = Bench::in_state(state);
+        let mut bench = SupervisorBench::in_state(state);
         for _ in 0..=ticks_of(Condition::SupplyLow) {
             bench.with(Condition::SupplyLow);
         }
-        let output = bench.tick(asked(present(Condition::SupplyLow), request));
+        let output = bench.tick(with_request(present(Condition::SupplyLow), request));
         assert_eq!(
             (output.state, output.reason),
             (state, Some(Condition::SupplyLow))
         );
         let output = bench.tick(NOTHING);
         assert_eq!((output.state, output.reason), (state, None));
-        assert!(bench.ask(request).changed);
+        assert!(bench.request(request).changed);
     }
 }
 
 #[test]
 fn condition_of_one_tick_is_reported_once() {
-    let mut bench = Bench::new();
+    let mut bench = SupervisorBench::new();
     bench.with(Condition::ClockStepped);
     bench.with(Condition::MessageLost);
     let lost = Conditions::only(Condition::MessageLost);
-    let seen = bench.state.take_seen();
-    assert_eq!(seen, lost.with(Condition::ClockStepped, true));
-    assert_eq!(bench.state.take_seen(), lost, "still present");
+    let occurred = bench.state.take_occurred();
+    assert_eq!(occurred, lost.with(Condition::ClockStepped, true));
+    assert_eq!(bench.state.take_occurred(), lost, "still present");
     bench.tick(NOTHING);
-    bench.state.take_seen();
-    assert_eq!(bench.state.take_seen(), Conditions::NONE);
+    bench.state.take_occurred();
+    assert_eq!(bench.state.take_occurred(), Conditions::NONE);
 }
 
 /// A stop ends with rest, or at the tick beyond 2 s. Each stop has its own 2 s.
 #[test]
 fn a_stop_ends_with_rest_or_after_two_seconds() {
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     for round in 0..3 {
         // A requested stop ends without a fault.
         assert_eq!(
-            bench.ask(StateRequest::Disarm).state,
+            bench.request(StateRequest::Disarm).state,
             OperatingState::SafeStop
         );
         assert_eq!(bench.ticks_until_change(NOTHING), 2001, "{round}");
         assert_eq!(bench.state.operating(), OperatingState::Idle);
         // The time of a stop that ends by rest does not count for the next stop.
         for request in [StateRequest::Arm, StateRequest::Start, StateRequest::Disarm] {
-            bench.ask(request);
+            bench.request(request);
         }
         for _ in 0..1500 {
             assert!(!bench.tick(NOTHING).changed);
         }
         assert_eq!(bench.tick(HALTED).state, OperatingState::Idle);
         for request in [StateRequest::Arm, StateRequest::Start] {
-            bench.ask(request);
+            bench.request(request);
         }
     }
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     // The tick of the condition is already a tick of the stop.
     bench.with(Condition::EmergencyStop);
     assert_eq!(bench.ticks_until_change(NOTHING), 2000);
     assert_eq!(bench.state.operating(), OperatingState::Fault);
     // Rest has an effect only during a stop.
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     assert!(!bench.tick(HALTED).changed);
 }
 
@@ -344,7 +348,7 @@ fn degraded_driving_ends_by_time_or_distance() {
         (f32::NAN, 51 + 1),
         (f32::INFINITY, 51 + 1),
     ] {
-        let mut bench = Bench::driving();
+        let mut bench = SupervisorBench::driving();
         let degraded = Input {
             moved_m,
             ..present(Condition::BeamLost)
@@ -358,7 +362,7 @@ fn degraded_driving_ends_by_time_or_distance() {
             ..present(Condition::BeamLost)
         };
         assert_eq!(bench.tick(rest).state, OperatingState::Fault);
-        let cleared = bench.tick(asked(rest, StateRequest::Clear));
+        let cleared = bench.tick(with_request(rest, StateRequest::Clear));
         assert_eq!(cleared.state, OperatingState::Idle);
     }
 }
@@ -370,15 +374,15 @@ fn allowance_is_used_while_driving_and_restored_at_the_end() {
         moved_m,
         ..present(Condition::BeamLost)
     };
-    let mut bench = Bench::in_state(OperatingState::Armed);
+    let mut bench = SupervisorBench::in_state(OperatingState::Armed);
     for _ in 0..25_000 {
         assert!(!bench.tick(degraded(0.25)).changed);
     }
-    bench.tick(asked(degraded(0.0), StateRequest::Start));
+    bench.tick(with_request(degraded(0.0), StateRequest::Start));
     assert_eq!(bench.ticks_until_change(degraded(0.25)), 9);
 
     for (moved_m, most) in [(0.0, 51 + 19_999), (0.25, 51 + 8)] {
-        let mut bench = Bench::driving();
+        let mut bench = SupervisorBench::driving();
         for round in 0..3 {
             for _ in 0..most {
                 assert!(!bench.tick(degraded(moved_m)).changed, "{round}");
@@ -395,7 +399,7 @@ fn allowance_is_used_while_driving_and_restored_at_the_end() {
 fn hold_time_is_kept_if_the_clock_stands_still_runs_back_or_jumps() {
     // Hold time 200 ms.
     let condition = Condition::OverTemperature;
-    let mut bench = Bench::driving();
+    let mut bench = SupervisorBench::driving();
     bench.with(condition);
     let began = bench.now;
     let mut at = |ms: i64| {
@@ -417,7 +421,7 @@ fn hold_time_is_kept_if_the_clock_stands_still_runs_back_or_jumps() {
         OperatingState::SafeStop
     );
     for (gap_ms, active) in [(100, true), (101, true), (100_000, true)] {
-        let mut bench = Bench::driving();
+        let mut bench = SupervisorBench::driving();
         bench.with(condition);
         bench.now += gap_ms * 1_000;
         assert_eq!(

@@ -3,9 +3,9 @@
 use crate::experiments::result::Json;
 use crate::experiments::run::Run;
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::place::{BAUD, Place, Site, board_named};
+use crate::experiments::run::place::{BAUD, BoardPlace, Site, board_named};
 use crate::experiments::run::plan::Plan;
-use crate::experiments::run::stage::Watch;
+use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Inputs};
 use clap::{Args, ValueEnum};
 use core_algos::time::Micros;
@@ -163,8 +163,8 @@ pub struct LogArgs {
 
 impl LogArgs {
     /// Files, viewers and dashboard of the run.
-    pub fn watch(&self) -> Watch {
-        Watch {
+    pub fn outputs(&self) -> Outputs {
+        Outputs {
             destinations: Destinations {
                 log: self.log.clone(),
                 csv: self.csv.clone(),
@@ -182,8 +182,8 @@ pub struct BoardArgs {
     /// Run on boards in-process, virtual (images on virtual boards, built if needed), or real at
     /// serial:front=PORT,rear=PORT,beam=PORT; a board without a port runs in this program (hil) or is reached over
     /// the bus
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
-    pub on: Place,
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = BoardPlace::parse)]
+    pub on: BoardPlace,
     /// Set the baud rate of the serial ports [default: 921600]
     #[arg(long, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: Option<u32>,
@@ -361,7 +361,7 @@ impl RobotArgs {
     pub fn check(&self, sensors: &SensorArgs, choice: &WorldChoice) -> Result<(), Error> {
         self.boards.check()?;
         match self.boards.on {
-            Place::InProcess => {
+            BoardPlace::InProcess => {
                 let plan = &self.plan;
                 let given = [
                     ("--duration", plan.duration.is_some()),
@@ -370,8 +370,8 @@ impl RobotArgs {
                 refuse(&given, "only with --on virtual or --on serial")?;
                 self.refuse_of_virtual_boards()
             }
-            Place::Virtual => Ok(()),
-            Place::Serial(_) => {
+            BoardPlace::Virtual => Ok(()),
+            BoardPlace::Serial(_) => {
                 let given = [
                     ("--imu", sensors.imu),
                     ("--no-rps", sensors.no_rps),
@@ -397,7 +397,7 @@ impl RobotArgs {
             context,
             mission,
             plan: self.plan.plan(0.0)?,
-            watch: &log.watch(),
+            outputs: &log.outputs(),
         };
         run.at(&self.site(threads))
     }

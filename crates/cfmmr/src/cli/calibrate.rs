@@ -4,9 +4,9 @@
 use super::arguments::{BoardArgs, JsonArgs, ScenarioArgs};
 use super::params::save;
 use crate::experiments::calibrate::procedures::{
-    Report, calibrate_gauges, calibrate_gyros, calibrate_wheels,
+    CalibrationReport, calibrate_gauges, calibrate_gyros, calibrate_wheels,
 };
-use crate::experiments::calibrate::{Bench, real};
+use crate::experiments::calibrate::{CalibrationBench, real};
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
 use crate::experiments::run::place::ROBOT;
@@ -94,7 +94,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         files::write_file(path, report.found.to_toml()?)?;
         json.print(&format!("wrote {}\n", path.display()))?;
     }
-    report.saved = wanted(args, &json)?;
+    report.saved = confirm_saving(args, &json)?;
     if report.saved {
         let written = save(&args.boards, &args.flash, &report.found)?;
         json.print(&format!("{written} values written to the flash\n"))?;
@@ -121,8 +121,12 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
     real::run(&links, args.former, !args.yes, &json)
 }
 
-fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
-    let mut bench = Bench::new(scenario, seed, boards(args, scenario.robot.topology())?);
+fn calibrate(
+    args: &CalibrateArgs,
+    scenario: &Scenario,
+    seed: u64,
+) -> Result<CalibrationReport, Error> {
+    let mut bench = CalibrationBench::new(scenario, seed, boards(args, scenario.robot.topology())?);
     bench.interrupt = watch_for_interrupt()?;
     let mut report = match args.what {
         CalibrateWhat::Wheels => calibrate_wheels(scenario, &mut bench, args.laps)?,
@@ -135,7 +139,7 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
 }
 
 /// True if `--yes` is given or the user confirms.
-fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
+fn confirm_saving(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
     }

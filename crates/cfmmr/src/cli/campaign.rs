@@ -126,13 +126,13 @@ fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Re
 fn status(args: &CampaignStatus) -> Result<(), Error> {
     let json = args.json.open()?;
     let directory = Directory::open(&args.directory)?;
-    let (status, _) = parts::look(&directory)?;
-    let blocks = status.blocks as usize - status.missing.len() - status.spoiled.len();
+    let (status, _) = parts::read_blocks(&directory)?;
+    let blocks = status.blocks as usize - status.missing.len() - status.damaged.len();
     let mut text = format!(
         "{}: {} of {} runs in {blocks} of {} blocks\n",
         status.name, status.runs_done, status.runs, status.blocks
     );
-    for why in &status.spoiled {
+    for why in &status.damaged {
         text += &format!("{why}\n");
     }
     if args.missing {

@@ -28,7 +28,7 @@ pub struct DoctorArgs {
 }
 
 /// Timeout of a program that prints its version. The first call may download a toolchain.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 /// Oldest Python that runs the scripts and their packages.
 const OLDEST_PYTHON: Version = [3, 10, 0];
 
@@ -85,7 +85,7 @@ impl Check {
         }
     }
 
-    fn not(
+    fn problem(
         name: &'static str,
         finding: Finding,
         found: impl Into<String>,
@@ -112,7 +112,7 @@ impl Check {
 
 /// The result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct DoctorReport {
     /// True if everything needed is installed.
     pub ok: bool,
     /// All checks.
@@ -140,7 +140,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     ];
     let failed: Vec<_> = checks.iter().filter(|check| check.fails()).collect();
     let names: Vec<_> = failed.iter().map(|check| check.name).collect();
-    let report = Report {
+    let report = DoctorReport {
         ok: failed.is_empty(),
         checks: checks.clone(),
     };
@@ -180,8 +180,8 @@ fn workspace() -> Option<PathBuf> {
 }
 
 /// Standard output and standard error of a program; an error if the program does not start, fails or exceeds
-/// `PATIENCE`.
-fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
+/// `TIMEOUT`.
+fn program_output(program: &str, arguments: &[&str]) -> io::Result<String> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -189,7 +189,7 @@ fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
         command.current_dir(workspace);
     }
     let mut child = command.spawn()?;
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     // The output fits into the pipes' buffers, so the program does not wait for a reader.
     let status = loop {
         if let Some(status) = child.try_wait()? {
@@ -228,25 +228,25 @@ fn version(text: &str) -> Option<Version> {
     })
 }
 
-fn show([major, minor, patch]: Version) -> String {
+fn version_text([major, minor, patch]: Version) -> String {
     format!("{major}.{minor}.{patch}")
 }
 
 /// Check of a program that must have version `oldest` or newer.
 fn program(name: &'static str, arguments: &[&str], oldest: Version, remedy: &str) -> Check {
-    let not = |finding, found: String| {
-        let need = format!("{remedy} (version {} or newer)", show(oldest));
-        Check::not(name, finding, found, need)
+    let problem = |finding, found: String| {
+        let need = format!("{remedy} (version {} or newer)", version_text(oldest));
+        Check::problem(name, finding, found, need)
     };
-    match ask(name, arguments) {
+    match program_output(name, arguments) {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            not(Finding::Missing, "not on the PATH".to_owned())
+            problem(Finding::Missing, "not on the PATH".to_owned())
         }
-        Err(error) => not(Finding::Unusable, one_line(&error.to_string())),
+        Err(error) => problem(Finding::Unusable, one_line(&error.to_string())),
         Ok(text) => match version(&text) {
-            Some(found) if found >= oldest => Check::ok(name, show(found)),
-            Some(found) => not(Finding::TooOld, show(found)),
-            None => not(Finding::Unusable, one_line(&text)),
+            Some(found) if found >= oldest => Check::ok(name, version_text(found)),
+            Some(found) => problem(Finding::TooOld, version_text(found)),
+            None => problem(Finding::Unusable, one_line(&text)),
         },
     }
 }
@@ -258,7 +258,7 @@ fn one_line(text: &str) -> String {
 }
 
 /// Toolchain that the workspace pins.
-fn pinned() -> String {
+fn pinned_toolchain() -> String {
     let text: toml::Table = toml::from_str(include_str!("../../../../rust-toolchain.toml"))
         .expect("the workspace's own file");
     let channel = text["toolchain"]["channel"].as_str();
@@ -266,9 +266,9 @@ fn pinned() -> String {
 }
 
 fn toolchain(name: &'static str) -> Check {
-    let channel = pinned();
+    let channel = pinned_toolchain();
     let oldest = version(&channel).unwrap_or_default();
-    let remedy = match ask("rustup", &["--version"]) {
+    let remedy = match program_output("rustup", &["--version"]) {
         Ok(_) => format!("rustup toolchain install {channel}"),
         Err(_) => "install Rust with rustup (https://rustup.rs)".to_owned(),
     };
@@ -278,9 +278,9 @@ fn toolchain(name: &'static str) -> Check {
 /// C compiler of this machine, which Rust uses as linker.
 fn linker() -> Check {
     let name = "cc";
-    match ask(name, &["--version"]) {
+    match program_output(name, &["--version"]) {
         Ok(text) => Check::ok(name, one_line(text.lines().next().unwrap_or_default())),
-        Err(error) => Check::not(
+        Err(error) => Check::problem(
             name,
             Finding::Missing,
             one_line(&error.to_string()),
@@ -293,10 +293,10 @@ fn linker() -> Check {
 fn target() -> Check {
     let remedy = format!("rustup target add {TARGET}");
     let arguments = ["--print", "target-libdir", "--target", TARGET];
-    match ask("rustc", &arguments) {
+    match program_output("rustc", &arguments) {
         Ok(text) if Path::new(text.trim()).is_dir() => Check::ok("target", TARGET),
-        Ok(_) => Check::not("target", Finding::Missing, TARGET, remedy),
-        Err(error) => Check::not(
+        Ok(_) => Check::problem("target", Finding::Missing, TARGET, remedy),
+        Err(error) => Check::problem(
             "target",
             Finding::Missing,
             one_line(&error.to_string()),
@@ -327,7 +327,7 @@ fn runner(replaced_by: Option<&str>) -> Check {
         Some(runner) if complete(runner) || !runner.contains("probe-rs") => {
             Check::ok(NAME, one_line(runner))
         }
-        Some(runner) => Check::not(
+        Some(runner) => Check::problem(
             NAME,
             Finding::Unusable,
             one_line(runner),
@@ -342,10 +342,10 @@ fn runner(replaced_by: Option<&str>) -> Check {
 /// Debug probes of this machine: `probe-rs list` prints a line `[0]: NAME -- …` for each.
 fn probe() -> Check {
     const NAME: &str = "debug probe";
-    let listed = ask("probe-rs", &["list"]);
+    let listed = program_output("probe-rs", &["list"]);
     let Ok(text) = listed else {
         let remedy = "install probe-rs first";
-        return Check::not(NAME, Finding::Missing, "cannot be checked", remedy);
+        return Check::problem(NAME, Finding::Missing, "cannot be checked", remedy);
     };
     let probes: Vec<_> = text
         .lines()
@@ -354,7 +354,7 @@ fn probe() -> Check {
         .collect();
     match probes.is_empty() {
         false => Check::ok(NAME, probes.join(", ")),
-        true => Check::not(
+        true => Check::problem(
             NAME,
             Finding::Missing,
             "none",
@@ -409,14 +409,14 @@ fn ports(found: &[Port]) -> Check {
     let names: Vec<_> = found.iter().map(|p| p.path.display().to_string()).collect();
     let names = names.join(", ");
     match found.iter().find(|port| !port.permitted) {
-        _ if found.is_empty() => Check::not(
+        _ if found.is_empty() => Check::problem(
             NAME,
             Finding::Missing,
             "none",
             "connect a board's USB serial adapter (docs/hil.md)",
         ),
         None => Check::ok(NAME, names),
-        Some(port) => Check::not(
+        Some(port) => Check::problem(
             NAME,
             Finding::Unusable,
             format!("no permission for {}", port.path.display()),
@@ -448,7 +448,11 @@ mod tests {
         for text in ["", "no number", "12", "1.x"] {
             assert_eq!(version(text), None, "{text}");
         }
-        assert!(version(&pinned()) >= Some([1, 95, 0]), "{}", pinned());
+        assert!(
+            version(&pinned_toolchain()) >= Some([1, 95, 0]),
+            "{}",
+            pinned_toolchain()
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::arguments::BoardArgs;
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
-use crate::experiments::run::place::{Place, ROBOT};
+use crate::experiments::run::place::{BoardPlace, ROBOT};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::targets::Target;
@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// Report of a board.
 #[derive(Debug, Default, Serialize)]
-struct Row {
+struct BoardRow {
     board: &'static str,
     build: String,
     stack_used: Option<u32>,
@@ -32,14 +32,14 @@ struct Row {
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
-struct Report {
+struct BoardsReport {
     ok: bool,
-    boards: Vec<Row>,
+    boards: Vec<BoardRow>,
 }
 
 /// Reads the boards' reports; fails if a board does not answer or had a fault.
 pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
-    if !matches!(args.on, Place::Serial(_)) {
+    if !matches!(args.on, BoardPlace::Serial(_)) {
         return Err(Error::input(
             "--on: must be serial:front=PORT: only real boards have a state before a run",
         ));
@@ -47,10 +47,10 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     let links = Links::new(ROBOT, &args.on, args.baud(), None)?;
     let mut boards = Vec::new();
     // Ports that did not answer; boards behind them are skipped.
-    let mut dead = Vec::new();
+    let mut silent_ports = Vec::new();
     for role in ROBOT.boards() {
         let port = links.port_of(role);
-        let row = match port.filter(|port| dead.contains(port)) {
+        let row = match port.filter(|port| silent_ports.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
                 "{} board: not read: the port of the {} board does not answer",
                 ROBOT.name(role),
@@ -62,17 +62,17 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
             Ok(row) => row,
             Err(error @ Error::Input(_)) => return Err(error),
             Err(error) => {
-                dead.extend(port.filter(|port| *port == role));
-                Row {
+                silent_ports.extend(port.filter(|port| *port == role));
+                BoardRow {
                     error: Some(error.to_string()),
-                    ..Row::default()
+                    ..BoardRow::default()
                 }
             }
         };
         let board = ROBOT.name(role);
-        boards.push(Row { board, ..row });
+        boards.push(BoardRow { board, ..row });
     }
-    let sound = |row: &Row| {
+    let sound = |row: &BoardRow| {
         let counts = [
             row.panics,
             row.processor_faults,
@@ -84,7 +84,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     let failed = boards.iter().filter(|row| !sound(row));
     let failed: Vec<&str> = failed.map(|row| row.board).collect();
     let failed = failed.join(", ");
-    let report = Report {
+    let report = BoardsReport {
         ok: failed.is_empty(),
         boards,
     };
@@ -98,16 +98,16 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     }
 }
 
-fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
+fn of_board(links: &Links, role: Role) -> Result<BoardRow, Error> {
     let Some(link) = links.reach(role, &BoardLog::new(ROBOT.name(role)))? else {
-        return Ok(Row::default());
+        return Ok(BoardRow::default());
     };
     let mut remote = Remote::new(ROBOT, role, link);
-    remote.hasten();
+    remote.shorten_wait();
     let record = remote.crash_record()?;
     let [panics, processor, watchdog, overflows] = record.counts;
     let stack = remote.stack();
-    Ok(Row {
+    Ok(BoardRow {
         build: remote.report().build,
         stack_used: stack.map(|stack| stack.used_bytes),
         stack_size: stack.map(|stack| stack.size_bytes),
@@ -116,11 +116,11 @@ fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
         watchdog_resets: Some(watchdog),
         stack_overflows: Some(overflows),
         last_fault: record.message.as_str().to_owned(),
-        ..Row::default()
+        ..BoardRow::default()
     })
 }
 
-fn text(boards: &[Row]) -> String {
+fn text(boards: &[BoardRow]) -> String {
     let mut table = Table::new([
         "board",
         "build",

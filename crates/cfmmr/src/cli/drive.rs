@@ -4,13 +4,13 @@ use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::dashboard;
 use crate::experiments::Context;
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::place::Place;
+use crate::experiments::run::place::BoardPlace;
 use clap::Args;
 use host_sim::base::error::Error;
 use host_sim::base::input;
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::script;
-use host_sim::run::script::{Line, Step};
+use host_sim::run::script::{Line, ScriptStep};
 use host_sim::scenario::effect::{Taken, Use};
 use output::terminal;
 use std::fmt::Display;
@@ -73,18 +73,18 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let place = &args.robot.boards.on;
     let no_zero = lines
         .iter()
-        .find(|line| !place.is_outside() && line.step == Step::Zero);
+        .find(|line| !place.is_outside() && line.step == ScriptStep::Zero);
     if let Some(line) = no_zero {
         return Err(Error::input(format!(
             "line {}: zero: must have --on virtual or --on serial: boards in this program have no calibration procedure",
             line.number
         )));
     }
-    let told = match place {
-        Place::Serial(_) => from,
+    let start = match place {
+        BoardPlace::Serial(_) => from,
         _ => Some(context.scenario.mission.start),
     };
-    script::check_starts(&lines, told, &context.scenario)?;
+    script::check_starts(&lines, start, &context.scenario)?;
     let mission = Mission::Script {
         lines,
         placed: from.is_some(),
@@ -92,9 +92,11 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     args.robot
         .check(&args.sensors, &args.common.scenario.choice)?;
     match place {
-        Place::InProcess => context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?,
-        Place::Virtual => context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?,
-        Place::Serial(_) => context.check_mission_keys()?,
+        BoardPlace::InProcess => {
+            context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?
+        }
+        BoardPlace::Virtual => context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?,
+        BoardPlace::Serial(_) => context.check_mission_keys()?,
     }
     let threads = args.common.run.threads;
     args.robot.run(&context, &mission, &args.log, threads)

@@ -2,7 +2,7 @@
 
 use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
-use crate::experiments::run::place::Place;
+use crate::experiments::run::place::BoardPlace;
 use crate::experiments::{faults, pool};
 use clap::Args;
 use host_sim::base::error::Error;
@@ -26,8 +26,8 @@ pub struct FaultsArgs {
     pub only: Vec<String>,
     /// Run on boards in-process (faults of samples, frames and plant) or virtual (also faults of registers, pins,
     /// supplies and wires, with the boards' images)
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
-    pub on: Place,
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = BoardPlace::parse)]
+    pub on: BoardPlace,
     /// Run each fault at one time with one seed, and a selection of the instants of power failure
     #[arg(long, conflicts_with = "seeds")]
     pub quick: bool,
@@ -47,7 +47,7 @@ pub struct FaultsArgs {
 
 /// Entries that `--only` selects; in-process boards leave out the entries that need images.
 fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
-    let images = args.on == Place::Virtual;
+    let images = args.on == BoardPlace::Virtual;
     let possible: Vec<&Entry> = all
         .iter()
         .filter(|entry| images || !entry.needs_images())
@@ -82,9 +82,9 @@ fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Err
 /// Settings of all runs.
 fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
     let images = match args.on {
-        Place::Virtual => Some(args.images.open()?),
-        Place::InProcess => None,
-        Place::Serial(_) => {
+        BoardPlace::Virtual => Some(args.images.open()?),
+        BoardPlace::InProcess => None,
+        BoardPlace::Serial(_) => {
             return Err(Error::input(
                 "--on: must be in-process or virtual: real boards have no fault injection",
             ));
@@ -115,7 +115,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
     let report = pool.install(|| faults::campaign(&trials, &entries, seeds))?;
     json.write(&Provenance::of(&trials.scenario, 1), &report)?;
-    let text = report.markdown() + &report.complaints();
+    let text = report.markdown() + &report.failures_text();
     json.print_page(&text)?;
     if report.interrupted {
         let text = "interrupted: the table contains the finished runs only";

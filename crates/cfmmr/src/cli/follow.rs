@@ -2,7 +2,7 @@
 
 use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::follow;
-use crate::experiments::follow::{PATH, Wanted};
+use crate::experiments::follow::{PATH, PathOptions};
 use crate::experiments::run::mission::Mission;
 use clap::Args;
 use host_sim::base::error::Error;
@@ -35,8 +35,8 @@ pub struct CourseArgs {
 
 impl CourseArgs {
     /// Path with the options of the drive.
-    pub fn wanted(&self, path: &str) -> Result<Wanted, Error> {
-        Ok(Wanted {
+    pub fn path_options(&self, path: &str) -> Result<PathOptions, Error> {
+        Ok(PathOptions {
             path: path.to_owned(),
             size: self.size,
             laps: self.laps,
@@ -77,8 +77,8 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
         false => Use::Path,
     };
     args.drive.sensors.apply(&mut context.scenario);
-    let wanted = args.drive.wanted(&args.path)?;
-    let course = follow::prepare(&wanted, &mut context.scenario)?;
+    let path_options = args.drive.path_options(&args.path)?;
+    let course = follow::prepare(&path_options, &mut context.scenario)?;
     context.check_keys(PATH, &[(&context.scenario, used)])?;
     context.output()?;
     if boards.on.has_ports() {

@@ -53,21 +53,21 @@ pub struct HilArgs {
 }
 
 /// Minimum run time, s.
-const LEAST_S: f64 = 20.0;
+const MIN_DURATION_S: f64 = 20.0;
 
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = args.common.context("hil")?;
     args.boards.check()?;
     let mission = prepare(args, &mut context)?;
-    let plan = args.plan.plan(LEAST_S)?;
+    let plan = args.plan.plan(MIN_DURATION_S)?;
     if !context.scenario.world.bus.quantise {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards in the loop",
         ));
     }
-    let watch = args.log.watch();
-    check(&context.scenario, &mission, &plan, &watch)?;
+    let outputs = args.log.outputs();
+    check(&context.scenario, &mission, &plan, &outputs)?;
     let boards = in_the_loop::BoardUse {
         stored: args.stored,
         flash: args.flash.clone(),
@@ -75,12 +75,12 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let place = (&args.boards.on, args.boards.baud());
     let targets = in_the_loop::connect(place, &boards, &mut context.scenario, &logs);
-    let targets = board_log::kept(targets, &logs, || context.output())?;
+    let targets = board_log::keep_logs_on_error(targets, &logs, || context.output())?;
     let run = Run {
         context: &context,
         mission: &mission,
         plan,
-        watch: &watch,
+        outputs: &outputs,
     };
     in_the_loop::run(&run, targets, &logs, args.compare)
 }
@@ -119,8 +119,8 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
             return Ok(Mission::Posture(variant));
         }
     };
-    let wanted = args.drive.wanted(path)?;
-    let course = follow::prepare(&wanted, &mut context.scenario)?;
+    let path_options = args.drive.path_options(path)?;
+    let course = follow::prepare(&path_options, &mut context.scenario)?;
     context.check_keys(PATH, &[(&context.scenario, Use::Path)])?;
     context.output()?;
     Ok(Mission::Path(Box::new(course), path_mode))

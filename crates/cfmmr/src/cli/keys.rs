@@ -108,7 +108,7 @@ fn allowed(kind: Kind) -> String {
 }
 
 /// Shortest decimal form of a single precision number (0.1, not 0.10000000149); other numbers stay.
-fn written(number: f64) -> f64 {
+fn shortest_decimal(number: f64) -> f64 {
     match f64::from(number as f32) == number {
         true => (number as f32).to_string().parse().unwrap_or(number),
         false => number,
@@ -116,11 +116,11 @@ fn written(number: f64) -> f64 {
 }
 
 /// Default as Markdown.
-fn shown(value: &toml::Value) -> String {
+fn markdown_value(value: &toml::Value) -> String {
     match value {
-        toml::Value::Float(number) => format!("`{:?}`", written(*number)),
+        toml::Value::Float(number) => format!("`{:?}`", shortest_decimal(*number)),
         toml::Value::Array(list) => {
-            let entries: Vec<String> = list.iter().map(shown).collect();
+            let entries: Vec<String> = list.iter().map(markdown_value).collect();
             format!("`[{}]`", entries.join(", ").replace('`', ""))
         }
         value => format!("`{value}`"),
@@ -148,7 +148,7 @@ pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
                 key.table
             );
         }
-        let default = key.default.as_ref().map_or(String::new(), shown);
+        let default = key.default.as_ref().map_or(String::new(), markdown_value);
         let _ = writeln!(
             text,
             "| `{}` | {} | {default} | {} | {} |",
@@ -163,10 +163,10 @@ pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
 }
 
 /// Default as a JSON value.
-fn plain(value: &toml::Value) -> Value {
+fn json_value(value: &toml::Value) -> Value {
     match value {
-        toml::Value::Float(number) => written(*number).into(),
-        toml::Value::Array(list) => list.iter().map(plain).collect(),
+        toml::Value::Float(number) => shortest_decimal(*number).into(),
+        toml::Value::Array(list) => list.iter().map(json_value).collect(),
         value => serde_json::to_value(value).unwrap_or_default(),
     }
 }
@@ -183,7 +183,7 @@ fn json(wanted: Option<&str>) -> Result<String, Error> {
         let mut key = json!({
             "key": name,
             "unit": field.kind.unit(),
-            "default": default.as_ref().map(plain),
+            "default": default.as_ref().map(json_value),
             "allowed": allowed(field.kind).replace('`', ""),
             "meaning": field.meaning(),
         });
@@ -192,7 +192,7 @@ fn json(wanted: Option<&str>) -> Result<String, Error> {
                 key["whole"] = whole.into();
                 if let Allowed::Range(low, high) = allowed {
                     let bounds = [low, high].map(|bound| toml::Value::Float(bound.into()));
-                    key["range"] = bounds.iter().map(plain).collect();
+                    key["range"] = bounds.iter().map(json_value).collect();
                 }
             }
             Kind::Choice(choices) => {

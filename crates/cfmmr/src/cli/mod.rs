@@ -78,16 +78,16 @@ impl Cli {
     /// an output cannot be written.
     pub fn read() -> Result<Self, Error> {
         let home = std::env::var("HOME").ok().filter(|home| !home.is_empty());
-        let words = std::env::args_os().map(|word| plain(word, home.as_deref()));
+        let words = std::env::args_os().map(|word| word_for_clap(word, home.as_deref()));
         let matches = command().try_get_matches_from(words);
-        let matches = matches.unwrap_or_else(|error| end(&error));
+        let matches = matches.unwrap_or_else(|error| exit_with(&error));
         outputs::check(&matches)?;
-        Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| end(&error)))
+        Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| exit_with(&error)))
     }
 }
 
 /// Prints the parser's error or help and ends the process.
-fn end(error: &clap::Error) -> ! {
+fn exit_with(error: &clap::Error) -> ! {
     let text = error.render().to_string();
     if error.use_stderr() {
         note(text.trim_end());
@@ -101,12 +101,12 @@ fn end(error: &clap::Error) -> ! {
 }
 
 /// Rewrites an argument for clap, which takes -.4 and -90deg for options. Expands ~, which shells leave in --out=~/x.
-fn plain(word: OsString, home: Option<&str>) -> OsString {
+fn word_for_clap(word: OsString, home: Option<&str>) -> OsString {
     let Some(text) = word.to_str() else {
         return word;
     };
     if let Some(digits) = text.strip_prefix("-.") {
-        return plain(format!("-0.{digits}").into(), home);
+        return word_for_clap(format!("-0.{digits}").into(), home);
     }
     // With a space in front, clap takes a negative angle for a value; the reader of the value removes the space.
     let is_angle = text.ends_with("deg") || text.ends_with('°');
@@ -204,7 +204,11 @@ mod tests {
 
     #[test]
     fn negative_numbers_and_tilde_are_rewritten() {
-        let read = |word: &str| plain(word.into(), Some("/home/me")).into_string().unwrap();
+        let read = |word: &str| {
+            word_for_clap(word.into(), Some("/home/me"))
+                .into_string()
+                .unwrap()
+        };
         for (word, read_as) in [
             ("~/x", "/home/me/x"),
             ("--out=~/x", "/home/me/x"),
@@ -220,7 +224,7 @@ mod tests {
         for word in ["./~", "~you/x", "a~/x", "--set=k=~/x", "posture"] {
             assert_eq!(read(word), word);
         }
-        assert_eq!(plain("~/x".into(), None), "~/x");
+        assert_eq!(word_for_clap("~/x".into(), None), "~/x");
     }
 
     #[test]

@@ -205,7 +205,7 @@ fn is_same(one: &Path, other: &Path) -> bool {
 /// Absolute path without links and dots; parts that do not exist stay as given.
 fn resolved(path: &Path) -> PathBuf {
     /// Largest number of links in one path, as in the Linux kernel.
-    const MOST_LINKS: usize = 40;
+    const MAX_LINKS: usize = 40;
     fn walk(path: &Path, links: usize) -> PathBuf {
         let mut real = PathBuf::new();
         for part in path.components() {
@@ -216,7 +216,7 @@ fn resolved(path: &Path) -> PathBuf {
                 root => real.push(root),
             }
             if let Ok(target) = fs::read_link(&real)
-                && links < MOST_LINKS
+                && links < MAX_LINKS
             {
                 real.pop();
                 real = walk(&real.join(target), links + 1);

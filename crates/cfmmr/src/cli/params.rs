@@ -18,7 +18,7 @@ use output::terminal::print;
 use remote::Remote;
 use remote::board_log::BoardLog;
 use remote::link::Loopback;
-use remote::parameters::Kept;
+use remote::parameters::BoardParameter;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -128,7 +128,7 @@ pub fn run(args: &ParamsArgs) -> Result<(), Error> {
 
 /// Parameter of a board in the JSON result.
 #[derive(Debug, Serialize)]
-struct Row {
+struct ParameterRow {
     board: &'static str,
     name: &'static str,
     unit: &'static str,
@@ -145,7 +145,7 @@ struct Row {
 
 /// Change of a parameter.
 #[derive(Debug, Serialize)]
-struct Change {
+struct ParameterChange {
     board: &'static str,
     name: &'static str,
     unit: &'static str,
@@ -185,9 +185,9 @@ fn at_each(
         if target.boards.on.has_ports() {
             remote.end_earlier_session()?;
         }
-        remote.greet()?;
+        remote.start_session()?;
         act(role, &mut remote)?;
-        remote.leave()?;
+        remote.end_session()?;
     }
     Ok(())
 }
@@ -206,14 +206,14 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     at_each(target, |role, remote| {
         let base = Settings::of(role);
         for kept in remote.parameters()? {
-            let Kept {
+            let BoardParameter {
                 parameter,
                 value,
                 source,
                 saved,
             } = kept;
             if wanted.iter().any(|other| other.id == parameter.id) {
-                rows.push(Row {
+                rows.push(ParameterRow {
                     board: ROBOT.name(role),
                     name: parameter.name,
                     unit: parameter.unit,
@@ -240,8 +240,8 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     names.dedup();
     let new = |n: usize| !names[..n].contains(&names[n]);
     for n in (0..names.len()).filter(|&n| new(n)) {
-        let of_name: Vec<&Row> = rows.iter().filter(|row| row.name == names[n]).collect();
-        let Row {
+        let of_name: Vec<&ParameterRow> = rows.iter().filter(|row| row.name == names[n]).collect();
+        let ParameterRow {
             name,
             unit,
             from,
@@ -374,7 +374,7 @@ fn change(
         for (parameter, value) in wanted(role)? {
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
             remote.set_parameter(parameter, value)?;
-            changes.push(Change {
+            changes.push(ParameterChange {
                 board: ROBOT.name(role),
                 name: parameter.name,
                 unit: parameter.unit,

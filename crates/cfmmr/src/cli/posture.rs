@@ -4,7 +4,7 @@ use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::Context;
 use crate::experiments::posture::{self, ROWS, Variant};
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::stage::Watch;
+use crate::experiments::run::stage::Outputs;
 use clap::{Args, ValueEnum};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
@@ -68,10 +68,10 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     if let Some(text) = &args.from {
         context.scenario.mission.start = parse_posture(text)?;
     }
-    let watch = args.log.watch();
+    let outputs = args.log.outputs();
     match outside {
         true => on_boards(args, context),
-        false => trials(args, &context, &watch),
+        false => trials(args, &context, &outputs),
     }
 }
 
@@ -95,22 +95,22 @@ fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
 }
 
 /// Trials of the rows, with the boards in this program.
-fn trials(args: &PostureArgs, context: &Context, watch: &Watch) -> Result<(), Error> {
+fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<(), Error> {
     context.scenario.check()?;
-    let variants = args.variants(watch)?;
+    let variants = args.variants(outputs)?;
     let rows = variants.iter().map(|row| row.apply(&context.scenario));
     let rows: Vec<Scenario> = rows.collect();
     let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
     let taken: Vec<_> = ROWS.iter().copied().chain(start(args)).collect();
     context.check_keys(&taken, &runs)?;
     let seeds = context.seeds(args.trials.unwrap_or(TRIALS) as usize);
-    posture::run(context, watch, &variants, seeds)
+    posture::run(context, outputs, &variants, seeds)
 }
 
 impl PostureArgs {
     /// Rows after the sensor options: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
     /// A live run has one row.
-    fn variants(&self, watch: &Watch) -> Result<Vec<Variant>, Error> {
+    fn variants(&self, outputs: &Outputs) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;
         let rows = match self.rows.unwrap_or(RowSelection::Main) {
             RowSelection::Main => &Variant::MAIN[..],
@@ -118,7 +118,7 @@ impl PostureArgs {
             RowSelection::Pair => &Variant::PAIR,
             RowSelection::Joint => &Variant::JOINT,
         };
-        let shown = match watch.is_live() {
+        let shown = match outputs.is_live() {
             true if sensors.no_rps => &Variant::PAIR[..1],
             true => &Variant::PAIR[1..],
             false => rows,

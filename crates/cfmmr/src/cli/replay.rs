@@ -27,10 +27,10 @@ pub struct ReplayArgs {
 /// Runs the command.
 #[cfg(feature = "full")]
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    use crate::experiments::replay::{Wanted, run};
+    use crate::experiments::replay::{ReplayOptions, run};
     use crate::experiments::result::Provenance;
     let json = args.json.open()?;
-    let (report, text) = run(&Wanted {
+    let (report, text) = run(&ReplayOptions {
         log: args.log.clone(),
         recover: args.recover,
         out: args.out.clone(),

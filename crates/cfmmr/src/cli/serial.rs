@@ -82,14 +82,14 @@ mod tests {
             assert_eq!(*name, format!("`{variant}`"));
             // Content without field names is described in words.
             if content.is_empty() || content.starts_with('`') {
-                let fields_told = content
+                let documented_fields = content
                     .split("<br>")
                     .filter_map(|field| field.split('`').nth(1));
-                let mut told: Vec<&str> = fields_told.collect();
+                let mut documented: Vec<&str> = documented_fields.collect();
                 let mut fields: Vec<&str> = fields.iter().map(String::as_str).collect();
-                told.sort_unstable();
+                documented.sort_unstable();
                 fields.sort_unstable();
-                assert_eq!(told, fields, "{name}");
+                assert_eq!(documented, fields, "{name}");
             }
         }
     }

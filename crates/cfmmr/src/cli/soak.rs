@@ -2,9 +2,12 @@
 
 use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::result::Provenance;
-use crate::experiments::run::place::Place;
+use crate::experiments::run::place::BoardPlace;
 use crate::experiments::soak;
-use crate::experiments::soak::{Drift, JUDGED, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
+use crate::experiments::soak::{
+    Drift, MAX_MEMORY_GROWTH_KIB, MAX_RELATIVE_ERROR_M, MAX_RELATIVE_ERROR_RAD, MIN_TREND_TICKS,
+    SoakReport, Window,
+};
 use clap::Args;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
@@ -32,8 +35,8 @@ pub struct SoakArgs {
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
     /// Run on boards in-process, or virtual (images on virtual boards, built if needed)
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
-    pub on: Place,
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = BoardPlace::parse)]
+    pub on: BoardPlace,
     /// Use this seed for all random draws; equal seeds give identical output
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
@@ -49,7 +52,7 @@ const WINDOWS: u64 = 10;
 #[derive(Clone, Debug, Serialize)]
 struct Measured {
     #[serde(flatten)]
-    report: Report,
+    report: SoakReport,
     /// Simulated time over time taken.
     real_time_factor: f64,
     /// Virtual boards.
@@ -154,17 +157,17 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
 
 /// Last sentences of the report: the limits that hold, or the failures.
 fn verdict(ticks: u64, problems: &[String]) -> String {
-    let trend = match ticks >= JUDGED {
+    let trend = match ticks >= MIN_TREND_TICKS {
         true => "The trend of the NIS is within three standard errors or a tenth of the mean."
             .to_owned(),
-        false => format!("The trend of the NIS is checked from {JUDGED} ticks on."),
+        false => format!("The trend of the NIS is checked from {MIN_TREND_TICKS} ticks on."),
     };
     match problems {
         [] => format!(
             "{trend} The pair error stays\n\
-             within {} mm and {} mrad. Memory grows by at most {MEMORY_KIB} KiB after the first window.\n",
-            1e3 * PAIR_M,
-            1e3 * PAIR_RAD
+             within {} mm and {} mrad. Memory grows by at most {MAX_MEMORY_GROWTH_KIB} KiB after the first window.\n",
+            1e3 * MAX_RELATIVE_ERROR_M,
+            1e3 * MAX_RELATIVE_ERROR_RAD
         ),
         problems => format!("Failed: {}.\n", problems.join("; ")),
     }
@@ -179,12 +182,12 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
             args.ticks
         )));
     }
-    if matches!(args.on, Place::Serial(_)) {
+    if matches!(args.on, BoardPlace::Serial(_)) {
         return Err(Error::input(
             "--on: must be in-process or virtual: a soak compares estimates with the true posture",
         ));
     }
-    let in_process = args.on == Place::InProcess;
+    let in_process = args.on == BoardPlace::InProcess;
     let scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
     let interrupt = watch_for_interrupt()?;
     let progress = Progress::new(soak::pieces(), "soak");

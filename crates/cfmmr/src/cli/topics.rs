@@ -24,13 +24,13 @@ pub fn markdown() -> String {
             topic.name, topic.schema.name, topic.rate, topic.schema.text
         );
     }
-    let mut seen: Vec<&str> = Vec::new();
+    let mut listed: Vec<&str> = Vec::new();
     for topic in &topics {
         let schema = &topic.schema;
-        if schema.fields.is_empty() || seen.contains(&schema.name) {
+        if schema.fields.is_empty() || listed.contains(&schema.name) {
             continue;
         }
-        seen.push(schema.name);
+        listed.push(schema.name);
         text += &fields(schema);
     }
     text + TABLES

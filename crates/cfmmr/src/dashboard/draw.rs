@@ -17,11 +17,11 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph};
 
 /// Smallest terminal: columns, lines.
-pub const LEAST: (u16, u16) = (60, 20);
+pub const MIN_SIZE: (u16, u16) = (60, 20);
 /// Width of the left column in the smallest terminal.
-const LEFT: u16 = 34;
+const LEFT_WIDTH: u16 = 34;
 /// Smallest terminal with a map.
-const WITH_MAP: (u16, u16) = (80, 24);
+const MIN_SIZE_WITH_MAP: (u16, u16) = (80, 24);
 /// Age of the latest heartbeat above which a node is shown as silent, s.
 const SILENT_S: f64 = 0.5;
 
@@ -33,10 +33,10 @@ const DIM: Style = Style::new().add_modifier(Modifier::DIM);
 /// Draws the view over the whole terminal.
 pub fn draw(frame: &mut Frame, view: &View) {
     let area = frame.area();
-    if area.width < LEAST.0 || area.height < LEAST.1 {
+    if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
         let text = format!(
             "The dashboard needs {} x {} characters; this terminal has {} x {}. q: end the run",
-            LEAST.0, LEAST.1, area.width, area.height
+            MIN_SIZE.0, MIN_SIZE.1, area.width, area.height
         );
         let lines = wrapped(&text, area.width.into())
             .into_iter()
@@ -47,7 +47,9 @@ pub fn draw(frame: &mut Frame, view: &View) {
     let faults = fault_lines(view, area.width.into(), usize::MAX).len() + 1;
     let faults = u16::try_from(faults).unwrap_or(u16::MAX).max(4);
     // Faults have precedence over the map.
-    match area.width >= WITH_MAP.0 && area.height >= faults.saturating_add(WITH_MAP.1 - 4) {
+    match area.width >= MIN_SIZE_WITH_MAP.0
+        && area.height >= faults.saturating_add(MIN_SIZE_WITH_MAP.1 - 4)
+    {
         true => draw_with_map(frame, view, faults),
         false => draw_without_map(frame, view),
     }
@@ -63,7 +65,7 @@ fn draw_without_map(frame: &mut Frame, view: &View) {
     ])
     .areas(frame.area());
     let columns = [
-        Constraint::Length(LEFT.max(frame.area().width / 2)),
+        Constraint::Length(LEFT_WIDTH.max(frame.area().width / 2)),
         Constraint::Length(1),
         Constraint::Fill(1),
     ];
@@ -85,7 +87,7 @@ fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
     ])
     .areas(frame.area());
     let [left, _, right] = Layout::horizontal([
-        Constraint::Length(LEFT + 6),
+        Constraint::Length(LEFT_WIDTH + 6),
         Constraint::Length(1),
         Constraint::Fill(1),
     ])
@@ -120,7 +122,7 @@ fn draw_rest(
     frame.render_widget(header(view, head.width), head);
     section(frame, nodes, "Nodes", node_lines(view));
     section(frame, links, "Links", link_lines(view));
-    let nis = view.seen.lead.fused.beam.nis;
+    let nis = view.record.lead.fused.beam.nis;
     let title = match nis > 0.0 {
         true => format!("Estimate, NIS {nis:.2} (expected {NIS_EXPECTED})"),
         false => "Estimate".to_owned(),
@@ -142,7 +144,7 @@ fn section(frame: &mut Frame, area: Rect, title: &str, lines: Vec<Line<'static>>
 
 /// Title and progress of the run.
 fn header(view: &View, width: u16) -> Line<'static> {
-    let end = format!(" {:?}  {:.2} s ", view.seen.lead.mode, view.time_s);
+    let end = format!(" {:?}  {:.2} s ", view.record.lead.mode, view.time_s);
     let room = usize::from(width).saturating_sub(end.chars().count());
     let title: String = format!(" {}", view.title).chars().take(room).collect();
     Line::styled(
@@ -248,11 +250,11 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
 }
 
 fn estimate_lines(view: &View) -> Vec<Line<'static>> {
-    let estimate = &view.seen.lead.fused.robot;
+    let estimate = &view.record.lead.fused.robot;
     let posture = estimate.posture;
-    let seen = [posture.x, posture.y, posture.phi].map(f64::from);
-    let off = [seen[0] - view.truth[0], seen[1] - view.truth[1]];
-    let turned = FinalError::of(seen, view.truth).heading_rad;
+    let estimated = [posture.x, posture.y, posture.phi].map(f64::from);
+    let off = [estimated[0] - view.truth[0], estimated[1] - view.truth[1]];
+    let turned = FinalError::of(estimated, view.truth).heading_rad;
     let sigma: [f64; 3] = std::array::from_fn(|i| f64::from(estimate.covariance[i][i]).sqrt());
     let heading = format!("{:<11}{:>7}{:>7}{:>8}", "", "x", "y", "φ °");
     let metres = |name: &str, [x, y, phi]: [f64; 3]| {
@@ -263,7 +265,7 @@ fn estimate_lines(view: &View) -> Vec<Line<'static>> {
         let (x, y, phi) = (1e3 * x, 1e3 * y, phi.to_degrees());
         Line::raw(format!("{name:<11}{x:>7.1}{y:>7.1}{phi:>8.2}"))
     };
-    let mut lines = vec![Line::styled(heading, DIM), metres("estimate m", seen)];
+    let mut lines = vec![Line::styled(heading, DIM), metres("estimate m", estimated)];
     if !turned.is_nan() {
         lines.push(metres("truth m", view.truth));
         lines.push(millimetres("error mm", off[0], off[1], turned));
@@ -273,8 +275,8 @@ fn estimate_lines(view: &View) -> Vec<Line<'static>> {
 }
 
 fn motion_lines(view: &View) -> Vec<Line<'static>> {
-    let left = FinalError::of(view.seen.midpoint, view.goal);
-    let motion = &view.seen.lead.motion;
+    let left = FinalError::of(view.record.midpoint, view.goal);
+    let motion = &view.record.lead.motion;
     let wheels = |name: &str, [left, right]: [f64; 2]| {
         Line::raw(format!("{name:<5}{left:>7.2}{right:>7.2} rad/s"))
     };
@@ -289,7 +291,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
             Line::raw(format!("to go {:>7.3} m {turn:>6.1}°", left.e_m)),
         );
     }
-    let axles = view.axles.iter().zip(&view.seen.axles);
+    let axles = view.axles.iter().zip(&view.record.axles);
     let known = axles.filter(|(_, axle)| !axle.wheel_speed[0].is_nan());
     lines.extend(known.map(|(name, axle)| wheels(name, axle.wheel_speed)));
     lines
@@ -297,7 +299,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
 
 /// Strains of the gauges, as many as the width allows.
 fn strains(view: &View, width: u16) -> String {
-    let frames = view.seen.frames.iter();
+    let frames = view.record.frames.iter();
     let known = frames
         .flat_map(|frame| &frame.strain)
         .filter(|strain| strain.is_finite() && **strain != 0.0);
@@ -455,8 +457,8 @@ mod tests {
                 .to_vec(),
             ..View::default()
         };
-        view.seen.midpoint = view.truth;
-        view.seen.axles = [[1.25, -2.5], [3.75, 4.5]]
+        view.record.midpoint = view.truth;
+        view.record.axles = [[1.25, -2.5], [3.75, 4.5]]
             .map(|wheel_speed| AxleRecord {
                 wheel_speed,
                 ..AxleRecord::default()
@@ -477,11 +479,11 @@ mod tests {
         view.nodes = Topology::PAIR.nodes().map(node).collect();
         // Every node reports this until the other nodes have started.
         view.nodes[1].noticed.set(Condition::NeighbourLost, true);
-        view.seen.lead.mode = LeadMode::Hold;
-        view.seen.lead.motion.v = 0.2;
-        view.seen.lead.motion.psi.0 = -0.3;
-        view.seen.lead.fused.beam.nis = 2.25;
-        let robot = &mut view.seen.lead.fused.robot;
+        view.record.lead.mode = LeadMode::Hold;
+        view.record.lead.motion.v = 0.2;
+        view.record.lead.motion.psi.0 = -0.3;
+        view.record.lead.fused.beam.nis = 2.25;
+        let robot = &mut view.record.lead.fused.robot;
         robot.posture = Posture::new(-1.002, 0.503, 0.1);
         robot.covariance[0][0] = 4e-6;
         robot.covariance[1][1] = 9e-6;
@@ -564,9 +566,9 @@ mod tests {
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
             assert!(!text.contains("none"));
             // Reported by the lead node, which has left the fault state.
-            let told =
+            let expected =
                 "0x83 neighbour stopped (Lead, 12.300 s, cleared): read the code of that node";
-            assert!(text.contains(told), "{size:?}: {}", lines.join("\n"));
+            assert!(text.contains(expected), "{size:?}: {}", lines.join("\n"));
         }
         let text = words(&picture(&stopped(), (80, 24)));
         let degraded = text

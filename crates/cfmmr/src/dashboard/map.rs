@@ -11,7 +11,7 @@ use ratatui::widgets::{Block, Borders};
 /// Half of an axle's drawn length, m.
 const HALF_TRACK_M: f64 = 0.16;
 /// Least half width and height of the map, m.
-const LEAST_M: f64 = 0.5;
+const MIN_HALF_RANGE_M: f64 = 0.5;
 /// Scale of the standard deviations for 95 % of a normal distribution in the plane: √5.991.
 const SCALE_95: f64 = 2.4477;
 
@@ -40,11 +40,11 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
                     context.draw(&Line::new(x1, y1, x2, y2, color));
                 }
             };
-            for frame in &view.seen.frames {
+            for frame in &view.record.frames {
                 let points = frame.points.map(|point| point.map(f64::from));
                 lines(&points, Color::White);
             }
-            for axle in &view.seen.axles {
+            for axle in &view.record.axles {
                 let [x, y, phi] = axle.posture;
                 let (s, c) = libm::sincos(phi);
                 let end = |side: f64| [x - side * HALF_TRACK_M * s, y + side * HALF_TRACK_M * c];
@@ -63,7 +63,7 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
 
 /// Center and half size of the map, m. Both axes have one scale; a character cell is twice as high as wide.
 fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
-    let axles = view.seen.axles.iter().map(|axle| &axle.posture);
+    let axles = view.record.axles.iter().map(|axle| &axle.posture);
     let corners = axles.chain([&view.goal]);
     let corners = corners
         .map(|at| [at[0], at[1]])
@@ -83,14 +83,14 @@ fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
         return None;
     }
     let center = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
-    let half = [0, 1].map(|k| (0.5 * (high[k] - low[k]) + 0.3).max(LEAST_M));
+    let half = [0, 1].map(|k| (0.5 * (high[k] - low[k]) + 0.3).max(MIN_HALF_RANGE_M));
     let scale = (half[0] / cells[0]).max(half[1] / cells[1]);
     Some((center, cells.map(|count| scale * count)))
 }
 
 /// Points of the 95 % ellipse of the midpoint.
 fn ellipse(view: &View) -> Vec<[f64; 2]> {
-    let robot = &view.seen.lead.fused.robot;
+    let robot = &view.record.lead.fused.robot;
     let [x, y] = [robot.posture.x, robot.posture.y].map(f64::from);
     let p = |i: usize, k: usize| f64::from(robot.covariance[i][k]);
     // Cholesky factor.
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn ellipse_has_the_mahalanobis_distance_of_95_percent() {
         let mut view = View::default();
-        let robot = &mut view.seen.lead.fused.robot;
+        let robot = &mut view.record.lead.fused.robot;
         robot.posture = Posture::new(1.0, -2.0, 0.3);
         let (xx, xy, yy) = (0.04f32, 0.02f32, 0.03f32);
         robot.covariance[0] = [xx, xy, 0.0];

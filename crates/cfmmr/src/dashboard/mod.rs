@@ -23,12 +23,12 @@ use terminal::Terminal;
 use view::View;
 
 /// Epochs between two views: 20 a second.
-const EPOCHS: u64 = 5;
+const EPOCHS_PER_VIEW: u64 = 5;
 
 /// Largest number of points of the trail.
-const TRAIL: usize = 400;
+const MAX_TRAIL_POINTS: usize = 400;
 /// Polling interval of the keys after the run.
-const AFTER: Duration = Duration::from_millis(20);
+const KEY_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Fails if standard input or output is not a terminal.
 pub fn check() -> Result<(), Error> {
@@ -76,7 +76,7 @@ impl Dashboard {
             view,
             epochs: 0,
             before: None,
-            trail: Thinned::new(TRAIL),
+            trail: Thinned::new(MAX_TRAIL_POINTS),
             interrupt,
         })
     }
@@ -90,7 +90,7 @@ impl Observer for Dashboard {
             self.interrupt.store(true, Relaxed);
         }
         let truth = self.before.replace(record.midpoint);
-        if self.epochs.is_multiple_of(EPOCHS) {
+        if self.epochs.is_multiple_of(EPOCHS_PER_VIEW) {
             let at = record.lead.fused.robot.posture;
             self.trail.push([at.x, at.y].map(f64::from));
             self.view = View {
@@ -111,7 +111,7 @@ impl Observer for Dashboard {
         self.view.end = Some(text.to_owned());
         self.terminal.show(self.view.clone());
         while !self.keyboard.is_ended() && !self.interrupt.load(Relaxed) {
-            thread::sleep(AFTER);
+            thread::sleep(KEY_POLL_INTERVAL);
         }
     }
 }

@@ -17,10 +17,10 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// Period of the pictures.
-const PICTURE: Duration = Duration::from_millis(50);
+const PICTURE_PERIOD: Duration = Duration::from_millis(50);
 
 /// Timeout of the thread's end.
-const LEAVING: Duration = Duration::from_secs(1);
+const THREAD_END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Terminal that shows a run.
 pub struct Terminal {
@@ -32,7 +32,7 @@ struct Shared {
     view: Mutex<View>,
     keyboard: Keyboard,
     /// True if the run has ended.
-    over: AtomicBool,
+    run_has_ended: AtomicBool,
 }
 
 impl Terminal {
@@ -46,7 +46,7 @@ impl Terminal {
         let shared = Arc::new(Shared {
             view: Mutex::new(view),
             keyboard,
-            over: AtomicBool::new(false),
+            run_has_ended: AtomicBool::new(false),
         });
         let thread = {
             let shared = shared.clone();
@@ -70,11 +70,11 @@ impl Terminal {
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        self.shared.over.store(true, Relaxed);
+        self.shared.run_has_ended.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
-            let deadline = Instant::now() + LEAVING;
+            let deadline = Instant::now() + THREAD_END_TIMEOUT;
             while !thread.is_finished() && Instant::now() < deadline {
-                thread::sleep(PICTURE / 10);
+                thread::sleep(PICTURE_PERIOD / 10);
             }
         }
         let _ = ratatui::try_restore();
@@ -90,8 +90,8 @@ impl Shared {
     }
 
     fn draw(&self, terminal: &mut DefaultTerminal) {
-        while !self.over.load(Relaxed) {
-            let next = Instant::now() + PICTURE;
+        while !self.run_has_ended.load(Relaxed) {
+            let next = Instant::now() + PICTURE_PERIOD;
             let mut view = self
                 .view
                 .lock()

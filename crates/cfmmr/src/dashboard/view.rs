@@ -46,7 +46,7 @@ pub struct View {
     /// Goal of the midpoint: m, m, rad.
     pub goal: [f64; 3],
     /// Latest record; the estimate replaces an unknown truth.
-    pub seen: Record,
+    pub record: Record,
     /// Estimated path of the midpoint, m.
     pub trail: Vec<[f64; 2]>,
     /// True if a simulation is paused, and its speed in multiples of real time.
@@ -71,7 +71,7 @@ impl View {
             faults: faults(monitor.changes()),
             boards: robot.traffic(),
             bus: robot.bus(),
-            seen: record.seen(),
+            record: record.with_estimate(),
             pace: pace.map(|pace| pace.keyboard().pace()),
             ..Self::before(monitor)
         }

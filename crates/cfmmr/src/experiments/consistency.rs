@@ -36,13 +36,13 @@ const INTERVAL_S: f64 = 0.5;
 
 /// Estimate against the truth at its instant.
 #[derive(Clone, Copy, Debug, Default)]
-struct Check {
+struct EstimateCheck {
     nees: f64,
     error: [f64; 3],
     variance: [f64; 3],
 }
 
-impl Check {
+impl EstimateCheck {
     fn of(estimate: &Estimate, truth: [f64; 3]) -> Self {
         Self {
             nees: nees(estimate, truth),
@@ -54,25 +54,25 @@ impl Check {
 
 /// Checks of one run, every [`INTERVAL`] epochs and at the end.
 #[derive(Clone, Debug, Default)]
-struct Run {
-    path: Vec<[Check; 3]>,
-    end: [Check; 3],
+struct RunChecks {
+    path: Vec<[EstimateCheck; 3]>,
+    end: [EstimateCheck; 3],
     beam_nis: Vec<f64>,
     ended: RunEnd,
 }
 
 /// Collects the checks of a run. An estimate is for the beginning of its epoch, so its truth is in the record before.
-struct Observer {
-    run: Run,
+struct CheckObserver {
+    run: RunChecks,
     before: Option<Record>,
     start_s: f64,
     epochs: usize,
 }
 
-impl Observer {
+impl CheckObserver {
     fn new(start_s: f64) -> Self {
         Self {
-            run: Run::default(),
+            run: RunChecks::default(),
             before: None,
             start_s,
             epochs: 0,
@@ -86,9 +86,9 @@ impl Observer {
         };
         let fused = &record.lead.fused;
         let checks = [
-            Check::of(&fused.front, truth.axles[0].posture),
-            Check::of(&fused.rear, truth.axles[1].posture),
-            Check::of(&fused.robot, truth.midpoint),
+            EstimateCheck::of(&fused.front, truth.axles[0].posture),
+            EstimateCheck::of(&fused.rear, truth.axles[1].posture),
+            EstimateCheck::of(&fused.robot, truth.midpoint),
         ];
         if self.epochs.is_multiple_of(INTERVAL) {
             self.run.path.push(checks);
@@ -104,7 +104,7 @@ impl Observer {
 /// Position of the mean NEES against the band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Place {
+pub enum BandPosition {
     /// Below the band: errors smaller than claimed.
     Below,
     /// In the band.
@@ -113,7 +113,7 @@ pub enum Place {
     Above,
 }
 
-impl Place {
+impl BandPosition {
     /// Position of `mean` against `band`.
     pub fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
         if mean < low {
@@ -140,10 +140,10 @@ pub enum Statement {
 
 impl Statement {
     /// Verdict from the positions of both axles.
-    pub fn of(axles: [Place; 2]) -> Self {
-        if axles.contains(&Place::Above) {
+    pub fn of(axles: [BandPosition; 2]) -> Self {
+        if axles.contains(&BandPosition::Above) {
             Self::Overconfident
-        } else if axles.contains(&Place::Below) {
+        } else if axles.contains(&BandPosition::Below) {
             Self::Cautious
         } else {
             Self::Consistent
@@ -161,11 +161,11 @@ impl Statement {
 
 /// Consistency of one body over all runs of a configuration at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Honesty {
+pub struct BodyConsistency {
     /// Mean NEES.
     pub nees: f64,
     /// Position against the band.
-    pub band: Place,
+    pub band: BandPosition,
     /// Share of the runs with a NEES of at most the χ² quantile.
     pub within: f64,
     /// Root mean square error: x, y (m), heading (rad).
@@ -174,16 +174,16 @@ pub struct Honesty {
     pub claimed: [f64; 3],
 }
 
-impl Honesty {
-    fn of(checks: &[Check], band: [f64; 2], quantile: f64) -> Self {
+impl BodyConsistency {
+    fn of(checks: &[EstimateCheck], band: [f64; 2], quantile: f64) -> Self {
         let all: Vec<f64> = checks.iter().map(|check| check.nees).collect();
         let mean = statistics::mean(&all);
-        let root = |pick: &dyn Fn(&Check) -> f64| {
+        let root = |pick: &dyn Fn(&EstimateCheck) -> f64| {
             statistics::mean(&checks.iter().map(pick).collect::<Vec<_>>()).sqrt()
         };
         Self {
             nees: mean,
-            band: Place::of(mean, band),
+            band: BandPosition::of(mean, band),
             within: statistics::share(&all, |value| value <= quantile),
             rms: [0, 1, 2].map(|k| root(&|check| check.error[k] * check.error[k])),
             claimed: [0, 1, 2].map(|k| root(&|check| check.variance[k])),
@@ -193,22 +193,22 @@ impl Honesty {
 
 /// Front axle, rear axle and O at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Instant {
+pub struct InstantConsistency {
     /// Time since the beginning of the task, s.
     pub time_s: f64,
     /// Front axle.
-    pub front: Honesty,
+    pub front: BodyConsistency,
     /// Rear axle.
-    pub rear: Honesty,
+    pub rear: BodyConsistency,
     /// Midpoint.
-    pub midpoint: Honesty,
+    pub midpoint: BodyConsistency,
 }
 
-impl Instant {
-    fn of(time_s: f64, checks: &[[Check; 3]], band: [f64; 2], quantile: f64) -> Self {
+impl InstantConsistency {
+    fn of(time_s: f64, checks: &[[EstimateCheck; 3]], band: [f64; 2], quantile: f64) -> Self {
         let body = |which: usize| {
-            let one: Vec<Check> = checks.iter().map(|all| all[which]).collect();
-            Honesty::of(&one, band, quantile)
+            let one: Vec<EstimateCheck> = checks.iter().map(|all| all[which]).collect();
+            BodyConsistency::of(&one, band, quantile)
         };
         Self {
             time_s,
@@ -219,14 +219,14 @@ impl Instant {
     }
 
     /// Front, rear, O.
-    pub fn bodies(&self) -> [&Honesty; 3] {
+    pub fn bodies(&self) -> [&BodyConsistency; 3] {
         [&self.front, &self.rear, &self.midpoint]
     }
 }
 
 /// Result of one configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct ConsistencyRow {
     /// True if the relative position sensor was fitted.
     pub rps: bool,
     /// True if inertial sensors were fitted.
@@ -238,7 +238,7 @@ pub struct Row {
     /// Numbers of runs by end. Every run is evaluated, whatever its end.
     pub ends: Ends,
     /// End of the runs; `time_s` is the mean end time.
-    pub end: Instant,
+    pub end: InstantConsistency,
     /// Mean NEES of front, rear and O over runs and instants of the path.
     pub path_mean: [f64; 3],
     /// Share of the instants at which the mean NEES of both axles is above the band.
@@ -246,12 +246,12 @@ pub struct Row {
     /// Mean NIS of the beam's measurements; `None` if the fusion does not use the beam.
     pub beam_nis: Option<f64>,
     /// Every half second, until the shortest run ends.
-    pub path: Vec<Instant>,
+    pub path: Vec<InstantConsistency>,
 }
 
 /// Result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct ConsistencyReport {
     /// Runs of each configuration.
     pub runs: u32,
     /// Degrees of freedom of a posture.
@@ -263,7 +263,7 @@ pub struct Report {
     /// χ² quantile: bound of the NEES of one run.
     pub quantile: f64,
     /// The configurations.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ConsistencyRow>,
 }
 
 /// Runs each configuration of a scenario and evaluates the NEES.
@@ -272,7 +272,7 @@ pub fn measure(
     scenario: &Scenario,
     seeds: Seeds,
     variants: &[Variant],
-) -> Result<Report, Error> {
+) -> Result<ConsistencyReport, Error> {
     let scenarios: Vec<Scenario> = variants
         .iter()
         .map(|variant| variant.apply(scenario))
@@ -280,9 +280,9 @@ pub fn measure(
     let rows = (variants.len(), seeds.trials);
     let blocks = workers.run_rows("runs", rows, |row, trial| {
         let scenario = &scenarios[row];
-        let mut observer = Observer::new(scenario.mission.settle_s);
-        let see = |record: &Record| observer.observe(record);
-        let outcome = regulate(scenario, seeds.seed, trial as u64, see)?;
+        let mut observer = CheckObserver::new(scenario.mission.settle_s);
+        let observe_record = |record: &Record| observer.observe(record);
+        let outcome = regulate(scenario, seeds.seed, trial as u64, observe_record)?;
         observer.run.ended = outcome.end;
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
@@ -298,7 +298,7 @@ pub fn measure(
         .zip(&blocks)
         .map(|(variant, block)| summarize(variant, block, band, quantile))
         .collect();
-    Ok(Report {
+    Ok(ConsistencyReport {
         runs: seeds.trials as u32,
         degrees: DEGREES,
         probability: PROBABILITY,
@@ -308,12 +308,17 @@ pub fn measure(
     })
 }
 
-fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: f64) -> Row {
+fn summarize(
+    variant: &Variant,
+    block: &[(RunChecks, f64)],
+    band: [f64; 2],
+    quantile: f64,
+) -> ConsistencyRow {
     let length = block.iter().map(|(run, _)| run.path.len()).min();
-    let path: Vec<Instant> = (0..length.unwrap_or(0))
+    let path: Vec<InstantConsistency> = (0..length.unwrap_or(0))
         .map(|i| {
             let checks: Vec<_> = block.iter().map(|(run, _)| run.path[i]).collect();
-            Instant::of(i as f64 * INTERVAL_S, &checks, band, quantile)
+            InstantConsistency::of(i as f64 * INTERVAL_S, &checks, band, quantile)
         })
         .collect();
     let ends: Vec<_> = block.iter().map(|(run, _)| run.end).collect();
@@ -327,7 +332,7 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
         .iter()
         .map(|i| {
             f64::from(u8::from(
-                i.front.band == Place::Above && i.rear.band == Place::Above,
+                i.front.band == BandPosition::Above && i.rear.band == BandPosition::Above,
             ))
         })
         .collect();
@@ -335,8 +340,8 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
         .iter()
         .flat_map(|(run, _)| run.beam_nis.iter().copied())
         .collect();
-    let end = Instant::of(statistics::mean(&durations), &ends, band, quantile);
-    Row {
+    let end = InstantConsistency::of(statistics::mean(&durations), &ends, band, quantile);
+    ConsistencyRow {
         rps: variant.rps,
         imu: variant.imu,
         fusion: variant.fusion(),
@@ -351,7 +356,11 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
 }
 
 /// Writes and prints the result.
-pub fn publish(context: &Context, report: &Report, variants: &[Variant]) -> Result<(), Error> {
+pub fn publish(
+    context: &Context,
+    report: &ConsistencyReport,
+    variants: &[Variant],
+) -> Result<(), Error> {
     let text = table(report, variants);
     let mut files = context.output()?;
     let figure = figure(report);
@@ -360,13 +369,13 @@ pub fn publish(context: &Context, report: &Report, variants: &[Variant]) -> Resu
     context.finish(&text, report, files, &[], None)
 }
 
-fn csv(report: &Report) -> Csv {
+fn csv(report: &ConsistencyReport) -> Csv {
     let mut rows = Vec::new();
     for row in &report.rows {
         let instants = row.path.iter().map(|instant| (false, instant));
         for (end, instant) in instants.chain([(true, &row.end)]) {
             for (name, body) in BODIES.into_iter().zip(instant.bodies()) {
-                let mut cells = csv::Row::default();
+                let mut cells = csv::CsvRow::default();
                 cells.put("rps imu", &[row.rps, row.imu]);
                 cells.put("fusion body", &[row.fusion, name]);
                 cells.put("end", &[end]);
@@ -379,14 +388,14 @@ fn csv(report: &Report) -> Csv {
             }
         }
     }
-    csv::Row::table(rows)
+    csv::CsvRow::table(rows)
 }
 
 /// Fusions of the picture, in the order of their colours.
 const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
 /// NEES over time: one row of panels per body, left without and right with inertial sensors.
-fn figure(report: &Report) -> Figure {
+fn figure(report: &ConsistencyReport) -> Figure {
     let last = report.rows.iter().filter_map(|row| row.path.last());
     let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));
     let mut figure = Figure::new("NEES of the estimates and its 95 % band");
@@ -423,7 +432,7 @@ fn figure(report: &Report) -> Figure {
     figure
 }
 
-fn table(report: &Report, variants: &[Variant]) -> String {
+fn table(report: &ConsistencyReport, variants: &[Variant]) -> String {
     let [low, high] = report.band;
     let mut table = Table::new([
         "",
@@ -510,7 +519,8 @@ mod tests {
     #[test]
     fn one_axle_above_the_band_is_overconfident() {
         let band = [2.5, 3.5];
-        let statement = |nees: [f64; 2]| Statement::of(nees.map(|mean| Place::of(mean, band)));
+        let statement =
+            |nees: [f64; 2]| Statement::of(nees.map(|mean| BandPosition::of(mean, band)));
         assert_eq!(statement([3.0, 3.4]), Statement::Consistent);
         assert_eq!(statement([3.0, 1.0]), Statement::Cautious);
         assert_eq!(statement([1.0, 3.6]), Statement::Overconfident);

@@ -7,8 +7,8 @@ use output::progress::Progress;
 use rayon::prelude::*;
 use remote::interrupt::watch_for_interrupt;
 use remote::virtual_robot::faults::{
-    Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, UnderWay, model, reference,
-    run as run_case,
+    Campaign, End, Entry, FaultCase, Outcome, Reference, RunKind, SILENCE, SharedRobots, model,
+    reference, run as run_case,
 };
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -22,7 +22,7 @@ const TIMES: [u64; 3] = [400, 900, 1600];
 const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
 /// All runs of one fault.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct FaultRow {
     /// Name of the fault.
     pub fault: &'static str,
     /// Place of the fault.
@@ -42,10 +42,10 @@ pub struct Row {
     pub outcomes: Vec<Outcome>,
 }
 
-impl Row {
+impl FaultRow {
     fn of(entry: &Entry, outcomes: Vec<Outcome>) -> Self {
         let times: BTreeSet<u64> = outcomes.iter().map(|run| run.after_ms).collect();
-        let driven = matches!(entry.course, Course::Drive(_) | Course::Model(_));
+        let driven = matches!(entry.kind, RunKind::Drive(_) | RunKind::Model(_));
         let may_stop = driven && (!entry.goes_on || !entry.codes.is_empty());
         Self {
             fault: entry.name,
@@ -117,7 +117,7 @@ impl Row {
 
 /// Result of the campaign.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct FaultsReport {
     /// World of the runs; in JSON a field of `run`.
     #[serde(skip)]
     pub world: String,
@@ -127,10 +127,10 @@ pub struct Report {
     #[serde(skip)]
     pub interrupted: bool,
     /// Results by fault.
-    pub rows: Vec<Row>,
+    pub rows: Vec<FaultRow>,
 }
 
-impl Report {
+impl FaultsReport {
     /// Report as Markdown.
     pub fn markdown(&self) -> String {
         let seconds = |[a, b, c]: [u64; 3]| {
@@ -188,7 +188,7 @@ impl Report {
     }
 
     /// Text with a line for each failed run.
-    pub fn complaints(&self) -> String {
+    pub fn failures_text(&self) -> String {
         let mut text = String::new();
         for row in &self.rows {
             for (run, why) in row.wrong() {
@@ -202,7 +202,7 @@ impl Report {
     /// First row that differs from the committed page; with `few` runs, first row with an end or code that the page's
     /// row lacks.
     pub fn unexpected(&self, committed: &str, few: bool) -> Option<String> {
-        self.rows.iter().map(Row::markdown).find(|row| {
+        self.rows.iter().map(FaultRow::markdown).find(|row| {
             let known = committed.lines().any(|line| match few {
                 true => covers(line, row),
                 false => line == row,
@@ -234,16 +234,16 @@ fn covers(page: &str, row: &str) -> bool {
 }
 
 /// All runs of the given faults.
-fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
+fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<FaultCase<'a>> {
     let mut cases = Vec::new();
     for entry in entries {
-        let times = match entry.course {
-            Course::Drive(_) => &TIMES[..],
-            Course::Model(_) => &MODEL_TIMES[..],
+        let times = match entry.kind {
+            RunKind::Drive(_) => &TIMES[..],
+            RunKind::Model(_) => &MODEL_TIMES[..],
             _ => &TIMES[..1],
         };
         for &after_ms in times.iter().take(if quick { 1 } else { times.len() }) {
-            cases.extend((1..=seeds).map(|seed| Case {
+            cases.extend((1..=seeds).map(|seed| FaultCase {
                 entry,
                 after_ms,
                 seed,
@@ -254,7 +254,11 @@ fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
 }
 
 /// Executes all runs on the threads of the current pool.
-pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<Report, Error> {
+pub fn campaign(
+    campaign: &Campaign,
+    entries: &[&Entry],
+    seeds: u64,
+) -> Result<FaultsReport, Error> {
     let all = cases(entries, seeds, campaign.quick);
     let progress = Progress::new(all.len(), "runs");
     let interrupt = watch_for_interrupt()?;
@@ -266,9 +270,9 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
             .collect::<Result<_, Error>>()?,
         false => vec![Reference::new(); seeds as usize],
     };
-    let robots = UnderWay::of(&all);
+    let robots = SharedRobots::of(&all);
     let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_cached_key(|&k| robots.place(&all[k]));
+    order.sort_by_cached_key(|&k| robots.group_index(&all[k]));
     let done: Vec<(usize, Option<Outcome>)> = order
         .into_par_iter()
         .with_max_len(1)
@@ -292,9 +296,9 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
     let rows = entries.iter().map(|entry| {
         let runs = all.iter().zip(&outcomes);
         let runs = runs.filter(|(case, _)| std::ptr::eq(case.entry, *entry));
-        Row::of(entry, runs.filter_map(|(_, run)| run.clone()).collect())
+        FaultRow::of(entry, runs.filter_map(|(_, run)| run.clone()).collect())
     });
-    Ok(Report {
+    Ok(FaultsReport {
         world: campaign.scenario.world.label(),
         seeds,
         interrupted: interrupt.load(Relaxed),

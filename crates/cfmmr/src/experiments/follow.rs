@@ -8,7 +8,7 @@ use host_sim::paths;
 use host_sim::paths::Path;
 use host_sim::run::end::RunEnd;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
+use host_sim::run::path_run::{Deviation, Errors, Outcome, PathEpoch, PathMode, Route};
 use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Taken;
@@ -23,7 +23,7 @@ use view::page;
 
 /// Path with options from the command line.
 #[derive(Clone, Debug)]
-pub struct Wanted {
+pub struct PathOptions {
     /// Line, circle, figure-eight, or a CSV file of waypoints.
     pub path: String,
     /// Length of the line, radius of the circle or half width of the figure eight, m.
@@ -37,13 +37,13 @@ pub struct Wanted {
 }
 
 /// Largest number of epochs kept for log and picture.
-pub const MOST_ROWS: usize = 20_000;
+pub const MAX_ROWS: usize = 20_000;
 /// Smallest distance between two robots in the picture, m.
 const APART_M: f64 = 0.65;
 
 /// Result of the commands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct FollowReport {
     /// Name or file of the path, as typed.
     pub path: String,
     /// Length of the path over all laps, m.
@@ -106,18 +106,18 @@ pub const PATH: Taken = &[
 ];
 
 /// Reads path, speed and start, checks them and writes them into the scenario.
-pub fn prepare(wanted: &Wanted, scenario: &mut Scenario) -> Result<Course, Error> {
-    let path = paths::named(&wanted.path, ("--size", wanted.size))
-        .map_err(|error| Error::input(format!("--path {}: {error}", wanted.path)))?;
-    if wanted.laps != 1 && !path.is_closed() {
+pub fn prepare(options: &PathOptions, scenario: &mut Scenario) -> Result<Course, Error> {
+    let path = paths::named(&options.path, ("--size", options.size))
+        .map_err(|error| Error::input(format!("--path {}: {error}", options.path)))?;
+    if options.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
             "--laps {}: must be 1 because the path {} is open",
-            wanted.laps, wanted.path
+            options.laps, options.path
         )));
     }
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
-    if let Some(speed) = wanted.speed_m_s {
+    if let Some(speed) = options.speed_m_s {
         if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
             return Err(Error::input(format!(
                 "--speed {speed}: must be a number from {} to {} m/s",
@@ -127,16 +127,16 @@ pub fn prepare(wanted: &Wanted, scenario: &mut Scenario) -> Result<Course, Error
         limits.max_speed_m_s = speed as f32;
     }
     let speed = f64::from(limits.max_speed_m_s).min(most);
-    let route = Route::new(&path, wanted.laps, scenario)
-        .map_err(|error| Error::input(format!("path {}: {error}", wanted.path)))?;
-    scenario.mission.start = wanted.start.unwrap_or_else(|| route.start());
+    let route = Route::new(&path, options.laps, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", options.path)))?;
+    scenario.mission.start = options.start.unwrap_or_else(|| route.start());
     scenario.check()?;
     let [planned, _] = path_run::start_distances(scenario);
     route
         .check_start(scenario.mission.start, planned)
-        .map_err(|error| Error::input(format!("path {}: {error}", wanted.path)))?;
+        .map_err(|error| Error::input(format!("path {}: {error}", options.path)))?;
     Ok(Course {
-        name: wanted.path.clone(),
+        name: options.path.clone(),
         path,
         route,
         speed_m_s: speed,
@@ -149,13 +149,13 @@ pub fn publish(
     course: &Course,
     path_mode: PathMode,
     outcome: &Outcome,
-    moments: &[Moment],
-) -> Result<(String, Report, OutputDir), Error> {
+    moments: &[PathEpoch],
+) -> Result<(String, FollowReport, OutputDir), Error> {
     let (name, title) = names(path_mode);
     let (scenario, route) = (&context.scenario, &course.route);
     let mut files = context.output()?;
     let variant = Variant::of(scenario);
-    let report = Report {
+    let report = FollowReport {
         path: course.name.clone(),
         length_m: route.path().length(),
         speed_m_s: (course.speed_m_s * 1e6).round() / 1e6,
@@ -181,7 +181,7 @@ pub fn publish(
     files.csv("errors.csv", errors(moments));
     files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));
-    let both = |moment: &Moment| {
+    let both = |moment: &PathEpoch| {
         [&moment.truth, &moment.estimate].map(|deviation| {
             let distance = match path_mode {
                 PathMode::Follow => deviation.lateral_m,
@@ -213,7 +213,7 @@ pub fn publish(
 fn followed(
     route: &Route,
     path_mode: PathMode,
-    moments: &[Moment],
+    moments: &[PathEpoch],
     records: &[Record],
 ) -> FollowRun {
     FollowRun {
@@ -238,7 +238,7 @@ fn followed(
 }
 
 /// Rows of the page's summary.
-fn summary(report: &Report) -> Vec<(String, String)> {
+fn summary(report: &FollowReport) -> Vec<(String, String)> {
     let row = |name: &str, value: String| (name.to_owned(), value);
     let errors = |errors: &Errors| {
         format!(
@@ -268,17 +268,17 @@ fn summary(report: &Report) -> Vec<(String, String)> {
 }
 
 /// Largest number of points of a curve.
-const MOST_POINTS: usize = 2_000;
+const MAX_POINTS: usize = 2_000;
 
 fn over_time(
-    moments: &[Moment],
+    moments: &[PathEpoch],
     path_mode: PathMode,
-    of: impl Fn(&Moment) -> &Deviation,
+    of: impl Fn(&PathEpoch) -> &Deviation,
 ) -> FollowErrors {
     let mut errors = FollowErrors::default();
     for moment in moments
         .iter()
-        .step_by(moments.len().div_ceil(MOST_POINTS).max(1))
+        .step_by(moments.len().div_ceil(MAX_POINTS).max(1))
     {
         let deviation = of(moment);
         errors.t_s.push(moment.record.time_s);
@@ -311,10 +311,10 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
 }
 
 /// Errors over time as a table.
-fn errors(moments: &[Moment]) -> Csv {
-    csv::Row::table(moments.iter().map(|moment| {
+fn errors(moments: &[PathEpoch]) -> Csv {
+    csv::CsvRow::table(moments.iter().map(|moment| {
         let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
-        let mut row = csv::Row::default();
+        let mut row = csv::CsvRow::default();
         row.put("time_s target_s_m", &[moment.record.time_s, target.s]);
         let at = [target.x, target.y, target.phi, target.kappa];
         let names = "target_x_m target_y_m target_phi_rad target_kappa_per_m";
@@ -328,7 +328,7 @@ fn errors(moments: &[Moment]) -> Csv {
     }))
 }
 
-fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
+fn table(heading: &str, report: &FollowReport, outcome: &Outcome) -> String {
     let mut table = Table::new([
         "",
         "rms (mm)",

@@ -1,7 +1,7 @@
 //! The paper's experiment: its algorithms in world `paper`, beside the figures that the paper prints.
 
 use crate::experiments::posture::pictures::Picture;
-use crate::experiments::posture::{Row, Trial, Variant, summaries, trials, trials_csv};
+use crate::experiments::posture::{PostureRow, Trial, Variant, summaries, trials, trials_csv};
 use crate::experiments::{Context, Seeds};
 use core_algos::control::regulator::Strategy;
 use host_sim::base::error::Error;
@@ -31,11 +31,11 @@ const FIGURE_8: [f64; 3] = [0.015, 0.035, 0.18];
 
 /// The result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct PaperReport {
     /// Trials in each row.
     pub trials: u32,
     /// Rows in the order of [`ROWS`].
-    pub rows: Vec<Row>,
+    pub rows: Vec<PostureRow>,
     /// Reductions of the means of e, θ and α by the sensor, %.
     pub reductions: [f64; 3],
     /// Mean final e (m), θ and α (rad) by the robot's own estimate, magnitudes, in the order of [`ROWS`].
@@ -50,7 +50,7 @@ pub fn scenarios() -> Result<[Scenario; 2], Error> {
 }
 
 /// e (cm), θ and α (°) of a row as mean and standard deviation.
-pub fn figures(row: &Row) -> [[f64; 2]; 3] {
+pub fn figures(row: &PostureRow) -> [[f64; 2]; 3] {
     let degrees = |angle: f64| angle.to_degrees();
     [
         [100.0 * row.e_m.mean, 100.0 * row.e_m.sd],
@@ -66,7 +66,7 @@ pub fn run(context: &Context, seeds: Seeds) -> Result<(), Error> {
     let goal = context.scenario.mission.goal;
     let pairs = || ROWS.iter().zip(&blocks);
     let rows = summaries(pairs(), goal)?;
-    let report = Report {
+    let report = PaperReport {
         trials: blocks.iter().map(Vec::len).max().unwrap_or(0) as u32,
         reductions: reductions(&rows),
         estimated: blocks.iter().map(|block| estimated(block, goal)).collect(),
@@ -100,7 +100,7 @@ pub fn run(context: &Context, seeds: Seeds) -> Result<(), Error> {
 }
 
 /// Reductions of e, θ and α from the first row to the second, %.
-fn reductions(rows: &[Row]) -> [f64; 3] {
+fn reductions(rows: &[PostureRow]) -> [f64; 3] {
     let mut means = rows.iter().map(|row| figures(row).map(|[mean, _]| mean));
     match (means.next(), means.next()) {
         (Some(without), Some(with)) => {
@@ -121,7 +121,7 @@ fn estimated(block: &[Trial], goal: [f64; 3]) -> [f64; 3] {
 }
 
 /// Verdict and tables.
-fn screen(context: &Context, report: &Report) -> String {
+fn screen(context: &Context, report: &PaperReport) -> String {
     let percent = |values: [f64; 3]| values.map(|value| format!("{value:.0} %"));
     let [ours, papers] = [report.reductions, REDUCTIONS].map(percent);
     let verdict = wrapped(&format!(
@@ -131,8 +131,8 @@ fn screen(context: &Context, report: &Report) -> String {
     ));
     let mut table = Table::new(["Table 1", "e (cm)", "θ (°)", "α (°)"]);
     for ((variant, measured), row) in ROWS.iter().zip(TABLE_1).zip(&report.rows) {
-        for (whose, figures) in [("paper", measured), ("simulated", figures(row))] {
-            let mut cells = vec![format!("{}, {whose}", variant.sensors())];
+        for (source, figures) in [("paper", measured), ("simulated", figures(row))] {
+            let mut cells = vec![format!("{}, {source}", variant.sensors())];
             cells.extend(figures.map(|[mean, sd]| plus_minus(mean, sd, 1)));
             table.row(cells);
         }

@@ -26,7 +26,7 @@ use toml::{Table as Toml, Value};
 
 /// Options of a replay.
 #[derive(Clone, Debug)]
-pub struct Wanted {
+pub struct ReplayOptions {
     /// Log file.
     pub log: PathBuf,
     /// True if the intact records of a damaged log are written to a new log, which is replayed.
@@ -39,7 +39,7 @@ pub struct Wanted {
 
 /// Record of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Recorded {
+pub struct BoardRecordSummary {
     /// Front, rear or beam.
     pub board: &'static str,
     /// Number of recorded ticks.
@@ -48,7 +48,7 @@ pub struct Recorded {
     pub ends: Vec<(u32, String)>,
 }
 
-impl Recorded {
+impl BoardRecordSummary {
     fn new(robot: Topology, role: Role) -> Self {
         Self {
             board: robot.name(role),
@@ -68,11 +68,11 @@ impl Recorded {
 
 /// Result of a replay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct ReplayReport {
     /// Ticks of the board with the longest record.
     pub ticks: usize,
     /// The boards.
-    pub boards: Vec<Recorded>,
+    pub boards: Vec<BoardRecordSummary>,
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
     /// First difference.
@@ -84,18 +84,20 @@ pub struct Report {
 }
 
 /// Replays a log; returns the result and its text.
-pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
-    let name = wanted.log.display().to_string();
+pub fn run(options: &ReplayOptions) -> Result<(ReplayReport, String), Error> {
+    let name = options.log.display().to_string();
     let robot = read::ROBOT;
-    let boards = robot.boards().map(|role| Recorded::new(robot, role));
+    let boards = robot
+        .boards()
+        .map(|role| BoardRecordSummary::new(robot, role));
     let mut boards: Vec<_> = boards.collect();
     let mut recorded = RecordedEstimates::default();
     let mut comparison = Comparison::new(robot);
     let mut events: Events = vec![Vec::new(); robot.board_count()];
-    let run = read_log(wanted, &name, &mut |role, event| {
+    let run = read_log(options, &name, &mut |role, event| {
         boards[robot.place(role)].take(&event);
         recorded.take(role, &event);
-        match &wanted.with {
+        match &options.with {
             None => comparison.take(role, &event),
             // With other parameters the boards send other frames, so all boards are replayed together.
             Some(_) => events[robot.place(role)].push(event),
@@ -108,7 +110,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
              so the log cannot be replayed"
         )));
     }
-    let mut report = Report {
+    let mut report = ReplayReport {
         ticks: run.ticks,
         boards,
         identical: None,
@@ -117,7 +119,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
         with: None,
     };
     let mut text = String::new();
-    match &wanted.with {
+    match &options.with {
         None => {
             report.difference = comparison.first()?;
             report.identical = Some(report.difference.is_none());
@@ -142,7 +144,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             // All starts have equal parameters, so checking the first start is enough.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
-            let estimates = replay::estimate_again(robot, &events, &|_| changed)?;
+            let estimates = replay::replay_estimates(robot, &events, &|_| changed)?;
             report.with = Some(Quality::of(&estimates, &run));
         }
     }
@@ -158,38 +160,42 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
 }
 
 /// Reads the log, after recovery if requested, and passes the events of the boards to `to`.
-fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
+fn read_log(
+    options: &ReplayOptions,
+    name: &str,
+    to: &mut dyn FnMut(Role, Event),
+) -> Result<Run, Error> {
     let refuse = |error: std::io::Error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
     };
     // Refuses a wrong or truncated file before reading all of it.
-    match input::has_edges(&wanted.log, MAGIC).map_err(refuse)? {
+    match input::has_edges(&options.log, MAGIC).map_err(refuse)? {
         [false, _] => {
             return Err(Error::input(format!(
                 "{name}: not an MCAP file: the first bytes are wrong"
             )));
         }
-        [true, false] if !wanted.recover => {
+        [true, false] if !options.recover => {
             return Err(Error::input(format!(
                 "{name}: truncated MCAP file: `cfmmr replay --recover {name}` recovers the intact records"
             )));
         }
         _ => {}
     }
-    if wanted.recover {
-        let copy = wanted
+    if options.recover {
+        let copy = options
             .out
             .clone()
-            .unwrap_or_else(|| recovered_name(&wanted.log));
-        let bytes = input::bytes(&wanted.log, input::LOG).map_err(refuse)?;
+            .unwrap_or_else(|| recovered_name(&options.log));
+        let bytes = input::bytes(&options.log, input::MAX_LOG_BYTES).map_err(refuse)?;
         recover(&bytes, name, &copy)?;
         drop(bytes);
-        let file = input::open(&copy, input::LOG)?;
+        let file = input::open(&copy, input::MAX_LOG_BYTES)?;
         return read::stream(BufReader::new(file), &copy.display().to_string(), to);
     }
-    let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
+    let file = input::open(&options.log, input::MAX_LOG_BYTES).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
             "{error}; `cfmmr replay --recover {name}` recovers the intact records"
@@ -265,7 +271,7 @@ fn changes(text: &str, file: &str) -> Result<Toml, Error> {
 fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
     let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
     let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
-    toml_file::lay_over(&mut table, changes.clone());
+    toml_file::merge_config(&mut table, changes.clone());
     let config: RobotConfig = Value::Table(table)
         .try_into()
         .map_err(|error| failed(&error))?;
@@ -273,7 +279,7 @@ fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConf
     Ok(config)
 }
 
-fn table(report: &Report) -> String {
+fn table(report: &ReplayReport) -> String {
     let mut table = Table::new([
         "",
         "position rms (mm)",

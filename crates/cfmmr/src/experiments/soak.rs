@@ -17,7 +17,7 @@ use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::base::statistics::nees;
 use host_sim::base::statistics::square;
-use host_sim::run::drive::{Errand, Progress, drive};
+use host_sim::run::drive::{DriveTask, Progress, drive};
 use host_sim::run::end::EndKind;
 use host_sim::run::robot::{Record, Robot};
 use host_sim::scenario::Scenario;
@@ -29,29 +29,29 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Time limit for one goal, ticks.
-const PATIENCE: u64 = 60_000;
+const GOAL_TIMEOUT: u64 = 60_000;
 /// Time at rest after a goal, ticks.
-const REST: u64 = 500;
+const REST_TICKS: u64 = 500;
 /// Time from clearing a fault to the next goal, ticks.
-const RECOVERY: u64 = 2_000;
+const RECOVERY_TICKS: u64 = 2_000;
 /// Half the side of the square of goals, m.
 const SQUARE_M: f64 = 1.5;
 /// Number of equal pieces of a run. The mean NIS of each piece gives the trend.
 const PIECES: u64 = 200;
 /// Limit of memory growth after the first window, KiB.
-pub const MEMORY_KIB: u64 = 1024;
+pub const MAX_MEMORY_GROWTH_KIB: u64 = 1024;
 /// Largest rise of the NIS over the run that is never a failure, as share of the mean.
 pub const DRIFT_SHARE: f64 = 0.1;
 /// Ticks of the shortest run with a check of the trend. In a shorter run, the motions in its parts differ too much.
-pub const JUDGED: u64 = 300_000;
+pub const MIN_TREND_TICKS: u64 = 300_000;
 /// Limit of the rms error of the relative position of the axles, m. In 20 seeds over 50 s: mean 1.2 mm, largest 1.6 mm;
 /// 1.9 mm after hours.
-pub const PAIR_M: f64 = 2.5e-3;
+pub const MAX_RELATIVE_ERROR_M: f64 = 2.5e-3;
 /// Limit of the rms error of the relative heading, rad. In 20 seeds over 50 s: mean 5.9 mrad, largest 8.0 mrad.
-pub const PAIR_RAD: f64 = 10e-3;
+pub const MAX_RELATIVE_ERROR_RAD: f64 = 10e-3;
 
 /// 99.9 % quantile of χ² with three degrees of freedom.
-const WORST: f64 = 16.27;
+const MAX_END_NEES: f64 = 16.27;
 
 /// Scenario of the soak: all sensors, all noise; with in-process boards the bus loses at least 1 % of the frames.
 pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error> {
@@ -139,7 +139,7 @@ impl Drift {
 
 /// Result of a soak.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct SoakReport {
     /// Number of ticks.
     pub ticks: u64,
     /// Windows of equal length.
@@ -150,12 +150,12 @@ pub struct Report {
     pub faults: BTreeMap<&'static str, u64>,
 }
 
-impl Report {
+impl SoakReport {
     /// Violated limits.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         match self.nis {
-            _ if self.ticks < JUDGED => {}
+            _ if self.ticks < MIN_TREND_TICKS => {}
             Some(drift) if drift.is_significant() => problems.push(format!(
                 "NIS rises by {:.3} ± {:.3} over the run, mean {:.3}",
                 drift.gain, drift.error, drift.mean
@@ -168,8 +168,16 @@ impl Report {
             1e3 * (squares / self.windows.len().max(1) as f64).sqrt()
         };
         for (error, most, unit) in [
-            (rms(|window| window.relative_m), 1e3 * PAIR_M, "mm"),
-            (rms(|window| window.relative_rad), 1e3 * PAIR_RAD, "mrad"),
+            (
+                rms(|window| window.relative_m),
+                1e3 * MAX_RELATIVE_ERROR_M,
+                "mm",
+            ),
+            (
+                rms(|window| window.relative_rad),
+                1e3 * MAX_RELATIVE_ERROR_RAD,
+                "mrad",
+            ),
         ] {
             if !(error <= most) {
                 problems.push(format!(
@@ -179,9 +187,9 @@ impl Report {
         }
         let last = self.windows.iter().rev().find_map(|window| window.nees);
         match last {
-            Some(nees) if nees <= WORST => {}
+            Some(nees) if nees <= MAX_END_NEES => {}
             Some(nees) => problems.push(format!(
-                "NEES at the end is {nees:.1}: must be at most {WORST}"
+                "NEES at the end is {nees:.1}: must be at most {MAX_END_NEES}"
             )),
             None => problems.push("NEES: no goal reached; the run is too short".to_owned()),
         }
@@ -189,9 +197,9 @@ impl Report {
             && let (Some(first), Some(last)) = (first.resident_kib, last.resident_kib)
         {
             let grown = last.saturating_sub(first);
-            if grown > MEMORY_KIB {
+            if grown > MAX_MEMORY_GROWTH_KIB {
                 problems.push(format!(
-                    "memory grew by {grown} KiB after the first window: must be at most {MEMORY_KIB}"
+                    "memory grew by {grown} KiB after the first window: must be at most {MAX_MEMORY_GROWTH_KIB}"
                 ));
             }
         }
@@ -252,7 +260,7 @@ fn resident_kib() -> Option<u64> {
 
 /// Stage of the drive.
 #[derive(Clone, Copy, Debug)]
-enum Stage {
+enum DrivePhase {
     /// At rest until this tick.
     Resting(u64),
     /// Driving since this tick.
@@ -265,9 +273,9 @@ struct Soak<'a> {
     windows: u64,
     advance: &'a mut dyn FnMut() -> bool,
     random: Pcg64,
-    stage: Stage,
+    phase: DrivePhase,
     /// True after the end of a drive, when the monitor's changes can be discarded.
-    judged: bool,
+    drive_ended: bool,
     sums: Sums,
     piece: Sums,
     reported: Vec<Window>,
@@ -281,8 +289,9 @@ impl Soak<'_> {
     fn observe(&mut self, record: &Record) {
         let fused = record.lead.fused;
         let truth = record.frames[0].relative;
-        let seen = fused.front.posture.relative_to(fused.rear.posture);
-        let [x, y, phi] = [seen.x, seen.y, seen.phi].map(f64::from);
+        let relative_posture = fused.front.posture.relative_to(fused.rear.posture);
+        let [x, y, phi] =
+            [relative_posture.x, relative_posture.y, relative_posture.phi].map(f64::from);
         let turned = libm::remainder(phi - truth[2], std::f64::consts::TAU);
         let covariance = &fused.robot.covariance;
         let variance = |i: usize| f64::from(covariance[i][i]);
@@ -301,11 +310,11 @@ impl Soak<'_> {
     }
 
     /// Evaluates the drive if the goal is reached, failed or timed out, or if the robot has a fault.
-    fn judge(&mut self, robot: &impl Robot, record: &Record, tick: u64) {
-        let Stage::Driving(since) = self.stage else {
+    fn evaluate_drive(&mut self, robot: &impl Robot, record: &Record, tick: u64) {
+        let DrivePhase::Driving(since) = self.phase else {
             return;
         };
-        if tick - since < REST {
+        if tick - since < REST_TICKS {
             return;
         }
         let lead = &record.lead;
@@ -314,7 +323,7 @@ impl Soak<'_> {
         let reason = monitor
             .fault_since(Node::Lead)
             .and_then(|_| monitor.first_fault()?.reason);
-        if reason.is_none() && !done && !failed && tick - since < PATIENCE {
+        if reason.is_none() && !done && !failed && tick - since < GOAL_TIMEOUT {
             return;
         }
         let (estimate, truth) = (lead.fused.robot, record.midpoint);
@@ -324,11 +333,11 @@ impl Soak<'_> {
         self.sums.goals += 1;
         self.sums.reached += u64::from(done);
         self.sums.missed += u64::from(!done);
-        self.stage = Stage::Resting(tick + REST);
+        self.phase = DrivePhase::Resting(tick + REST_TICKS);
         if let Some(reason) = reason {
             *self.faults.entry(reason.entry().name).or_default() += 1;
         }
-        self.judged = true;
+        self.drive_ended = true;
     }
 
     /// Ends the piece and the window if this tick is their last; false if the run must end.
@@ -353,18 +362,18 @@ impl Soak<'_> {
     }
 }
 
-impl<R: Robot> Errand<R> for Soak<'_> {
+impl<R: Robot> DriveTask<R> for Soak<'_> {
     fn task(&self) -> Option<Task> {
         None
     }
 
     /// Sends the next goal, or clears a fault. Clearing is repeated until the cause is gone.
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
-        if std::mem::take(&mut self.judged) {
+        if std::mem::take(&mut self.drive_ended) {
             robot.monitor_mut().forget_changes();
         }
         let tick = robot.now() / TICK;
-        let Stage::Resting(until) = self.stage else {
+        let DrivePhase::Resting(until) = self.phase else {
             return Ok(());
         };
         let lead = robot.monitor().latest(Node::Lead);
@@ -373,13 +382,13 @@ impl<R: Robot> Errand<R> for Soak<'_> {
             return Ok(());
         }
         if faulty {
-            self.stage = Stage::Resting(tick + RECOVERY);
+            self.phase = DrivePhase::Resting(tick + RECOVERY_TICKS);
             return robot.command(&HostCommand::Task(Task::Clear));
         }
         let mut uniform = |half: f64| self.random.random_range(-half..half);
         let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
         let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
-        self.stage = Stage::Driving(tick);
+        self.phase = DrivePhase::Driving(tick);
         robot.command(&HostCommand::Task(Task::regulate(goal)))
     }
 
@@ -391,9 +400,9 @@ impl<R: Robot> Errand<R> for Soak<'_> {
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
         let tick = robot.now() / TICK;
         // The first estimates are from before the start posture arrives.
-        if since.is_some_and(|since| since >= REST * TICK) {
+        if since.is_some_and(|since| since >= REST_TICKS * TICK) {
             self.observe(record);
-            self.judge(robot, record, tick);
+            self.evaluate_drive(robot, record, tick);
         }
         match self.report(tick) {
             true => Progress::Driving,
@@ -409,14 +418,14 @@ pub fn run(
     scenario: &Scenario,
     (ticks, windows, seed): (u64, u64, u64),
     advance: &mut dyn FnMut() -> bool,
-) -> Result<Report, Error> {
+) -> Result<SoakReport, Error> {
     let mut soak = Soak {
         ticks,
         windows,
         advance,
         random: generator(seed, 1, Stream::Other(1)),
-        stage: Stage::Resting(REST),
-        judged: false,
+        phase: DrivePhase::Resting(REST_TICKS),
+        drive_ended: false,
         sums: Sums::default(),
         piece: Sums::default(),
         reported: Vec::new(),
@@ -427,7 +436,7 @@ pub fn run(
     if end.kind == EndKind::NoAnswer {
         return Err(Error::Failure(end.text()));
     }
-    Ok(Report {
+    Ok(SoakReport {
         ticks: robot.now() / TICK,
         windows: soak.reported,
         nis: Drift::of(&soak.innovations),
@@ -474,7 +483,7 @@ mod tests {
         assert_eq!(Drift::of(&[(0.5, 1.0); 5]), None);
     }
 
-    fn sound() -> Report {
+    fn sound() -> SoakReport {
         let window = Window {
             nis: 3.0,
             innovations: 1000,
@@ -483,8 +492,8 @@ mod tests {
             resident_kib: Some(10_000),
             ..Window::default()
         };
-        Report {
-            ticks: JUDGED,
+        SoakReport {
+            ticks: MIN_TREND_TICKS,
             windows: vec![window; 5],
             nis: Drift::of(&values(200, 0.0)),
             faults: BTreeMap::new(),
@@ -494,7 +503,7 @@ mod tests {
     #[test]
     fn problem_of_each_limit_is_reported() {
         assert!(sound().problems().is_empty());
-        let said = |change: fn(&mut Report), what: &str| {
+        let assert_problem = |change: fn(&mut SoakReport), what: &str| {
             let mut report = sound();
             change(&mut report);
             let problems = report.problems();
@@ -503,36 +512,36 @@ mod tests {
                 "{problems:?}"
             );
         };
-        said(
+        assert_problem(
             |report| report.nis = Drift::of(&values(200, 3.0)),
             "NIS rises",
         );
-        said(
+        assert_problem(
             |report| report.windows[1].relative_m = 0.1,
             "mm: must be at most 2.5 mm",
         );
-        said(
+        assert_problem(
             |report| report.windows[1].relative_rad = f64::NAN,
             "pair error NaN mrad",
         );
-        said(|report| report.nis = None, "too few");
+        assert_problem(|report| report.nis = None, "too few");
         let mut short = sound();
-        (short.ticks, short.nis) = (JUDGED - 1, Drift::of(&values(200, 3.0)));
+        (short.ticks, short.nis) = (MIN_TREND_TICKS - 1, Drift::of(&values(200, 3.0)));
         assert!(short.problems().is_empty());
-        said(
+        assert_problem(
             |report| report.windows[4].nees = Some(16.3),
             "NEES at the end",
         );
-        said(
+        assert_problem(
             |report| report.windows[4].nees = Some(f64::NAN),
             "NEES at the end",
         );
-        said(
-            |report| report.windows[4].resident_kib = Some(10_001 + MEMORY_KIB),
+        assert_problem(
+            |report| report.windows[4].resident_kib = Some(10_001 + MAX_MEMORY_GROWTH_KIB),
             "memory grew",
         );
-        said(|report| report.windows[2].missed = 1, "1 goals");
-        said(
+        assert_problem(|report| report.windows[2].missed = 1, "1 goals");
+        assert_problem(
             |report| {
                 report.faults.insert("wheel slip", 2);
             },

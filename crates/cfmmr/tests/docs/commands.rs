@@ -220,7 +220,7 @@ fn check(command: &str, words: &[String], check: &Check) -> Result<(), String> {
 }
 
 /// Runs a line of a block, or makes the check that replaces running.
-fn carry_out(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
+fn run_line(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
     let (input, command) = match line.strip_prefix("echo ").and_then(|l| l.split_once(" | ")) {
         Some((input, command)) => (words(input).join(" ") + "\n", command),
         None => (String::new(), line),
@@ -280,7 +280,7 @@ fn run_page(page: &Page, boards: bool) -> (usize, Vec<String>) {
         for line in lines(&block.text) {
             count += 1;
             let begun = std::time::Instant::now();
-            if let Err(error) = carry_out(folder.path(), &line, boards) {
+            if let Err(error) = run_line(folder.path(), &line, boards) {
                 let place = format!("{}:{}", page.path.display(), block.line);
                 wrong.push(format!("{place}: {line}: {error}"));
             }
@@ -351,8 +351,8 @@ fn commands_are_split_as_by_a_shell() {
     assert_eq!(shorter(&words("hil --rear x")), words("hil --rear x"));
     assert!(parse(&words("posture --trails 3")).is_err());
     let folder = tempfile::tempdir().unwrap();
-    assert!(carry_out(folder.path(), "frobnicate --all", false).is_err());
-    assert!(carry_out(folder.path(), "tools/scripts/no_such.sh", false).is_err());
-    assert!(carry_out(folder.path(), "cargo build-nothing", false).is_err());
-    assert!(carry_out(folder.path(), "cfmmr hil --rear /dev/ttyACM0 --bad", false).is_err());
+    assert!(run_line(folder.path(), "frobnicate --all", false).is_err());
+    assert!(run_line(folder.path(), "tools/scripts/no_such.sh", false).is_err());
+    assert!(run_line(folder.path(), "cargo build-nothing", false).is_err());
+    assert!(run_line(folder.path(), "cfmmr hil --rear /dev/ttyACM0 --bad", false).is_err());
 }

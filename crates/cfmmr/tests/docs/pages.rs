@@ -80,12 +80,12 @@ pub fn parse(path: PathBuf, text: &str) -> Page {
             Event::Start(Tag::Heading { .. }) => heading = Some(String::new()),
             Event::End(TagEnd::Heading(_)) => {
                 let anchor = anchor(&heading.take().unwrap());
-                let seen = repeats.entry(anchor.clone()).or_insert(0);
-                page.anchors.push(match *seen {
+                let repeat_count = repeats.entry(anchor.clone()).or_insert(0);
+                page.anchors.push(match *repeat_count {
                     0 => anchor,
                     n => format!("{anchor}-{n}"),
                 });
-                *seen += 1;
+                *repeat_count += 1;
             }
             Event::Start(Tag::CodeBlock(kind)) => {
                 let info = match &kind {

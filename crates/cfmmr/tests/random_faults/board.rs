@@ -1,9 +1,9 @@
 //! In-process board with the sample and message faults of a plan; its nodes are checked at every tick.
 
-use super::plan::{BusFault, Distorted, Plan};
-use super::watch::{AxleWatch, BeamWatch, LeadWatch, Violation};
+use super::checks::{AxleChecks, BeamChecks, LeadChecks, Violation};
+use super::plan::{BusFault, Plan, SampleFaults};
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::{LeadNode, Task};
 use core_algos::node::robot::RobotConfig;
@@ -11,7 +11,9 @@ use core_algos::node::{Outbox, axle};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{AxleId, Role, Topology, Wheels};
 use host_sim::base::error::Error;
-use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
+use host_sim::targets::{
+    Fault, HostCommand, InProcess, Outgoing, Output, Room, Target, TargetReport,
+};
 use std::sync::{Arc, Mutex};
 
 /// Results of the checks of all boards.
@@ -29,33 +31,33 @@ pub struct Findings {
 }
 
 /// Checks of the nodes of a board.
-enum Watch {
-    Front(AxleWatch, LeadWatch),
-    Rear(AxleWatch),
-    Beam(BeamWatch),
+enum BoardChecks {
+    Front(AxleChecks, LeadChecks),
+    Rear(AxleChecks),
+    Beam(BeamChecks),
 }
 
 /// Board whose nodes are checked.
-pub struct Watched {
+pub struct CheckedBoard {
     role: Role,
     plan: Arc<Plan>,
     findings: Arc<Mutex<Findings>>,
-    nodes: Option<(Board, Watch)>,
-    distorted: Distorted,
+    nodes: Option<(Board, BoardChecks)>,
+    sample_faults: SampleFaults,
     /// Messages in transit, with the tick of arrival.
     late: Vec<(u32, Message)>,
     begun: Option<(u32, Samples)>,
     torque_nm: Wheels<f32>,
 }
 
-impl Watched {
+impl CheckedBoard {
     pub fn new(role: Role, plan: &Arc<Plan>, seed: u64, findings: &Arc<Mutex<Findings>>) -> Self {
         Self {
             role,
             plan: Arc::clone(plan),
             findings: Arc::clone(findings),
             nodes: None,
-            distorted: Distorted::new(role, seed),
+            sample_faults: SampleFaults::new(role, seed),
             late: Vec::new(),
             begun: None,
             torque_nm: Wheels::both(0.0),
@@ -77,18 +79,18 @@ impl Watched {
     fn deliver(&mut self, tick: u32) {
         let due = |(at, _): &(u32, Message)| *at <= tick;
         let arrived: Vec<_> = self.late.extract_if(.., |one| due(one)).collect();
-        let Some((board, watch)) = &mut self.nodes else {
+        let Some((board, checks)) = &mut self.nodes else {
             return;
         };
         for (_, message) in arrived {
             board.receive(Micros::from(tick) * TICK, &message);
-            match watch {
-                Watch::Front(axle, lead) => {
+            match checks {
+                BoardChecks::Front(axle, lead) => {
                     axle.receive(tick, &message);
                     lead.receive(tick, &message);
                 }
-                Watch::Rear(axle) => axle.receive(tick, &message),
-                Watch::Beam(beam) => beam.receive(&message),
+                BoardChecks::Rear(axle) => axle.receive(tick, &message),
+                BoardChecks::Beam(beam) => beam.receive(&message),
             }
         }
     }
@@ -100,7 +102,7 @@ impl Watched {
         samples: &Samples,
         outbox: &mut Outbox,
     ) -> Result<Output, Violation> {
-        let Some((board, watch)) = &mut self.nodes else {
+        let Some((board, checks)) = &mut self.nodes else {
             return Ok(Output::default());
         };
         let output = board.step(Micros::from(tick) * TICK, samples, outbox);
@@ -111,31 +113,35 @@ impl Watched {
         };
         let torque_nm = output.torque_nm;
         for message in outbox.iter() {
-            match watch {
-                Watch::Front(axle, _) | Watch::Rear(axle) => axle.sends(tick, message)?,
-                Watch::Beam(beam) => beam.sends(tick, message)?,
+            match checks {
+                BoardChecks::Front(axle, _) | BoardChecks::Rear(axle) => {
+                    axle.sends(tick, message)?
+                }
+                BoardChecks::Beam(beam) => beam.sends(tick, message)?,
             }
         }
-        match (&*board, watch) {
+        match (&*board, checks) {
             (
                 Board::Axle {
                     axle,
                     lead: Some(lead),
                 },
-                Watch::Front(watch, of_lead),
+                BoardChecks::Front(checks, of_lead),
             ) => {
-                let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
+                let armed = checks.step(tick, readings, axle.supervision(), torque_nm)?;
                 let mut findings = self.findings.lock().unwrap();
                 findings.armed[0] = armed;
                 if let Some(output) = &output.lead {
                     findings.began = of_lead.step(tick, lead.supervision(), output)?;
                 }
             }
-            (Board::Axle { axle, .. }, Watch::Rear(watch)) => {
-                let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
+            (Board::Axle { axle, .. }, BoardChecks::Rear(checks)) => {
+                let armed = checks.step(tick, readings, axle.supervision(), torque_nm)?;
                 self.findings.lock().unwrap().armed[1] = armed;
             }
-            (Board::Beam(beam), Watch::Beam(watch)) => watch.step(tick, beam.supervision())?,
+            (Board::Beam(beam), BoardChecks::Beam(checks)) => {
+                checks.step(tick, beam.supervision())?
+            }
             _ => unreachable!("a board has its own watch"),
         }
         Ok(Output {
@@ -145,16 +151,21 @@ impl Watched {
     }
 }
 
-impl Target for Watched {
-    fn start(&mut self, config: &RobotConfig, _: u32, place: Option<&Place>) -> Result<(), Fault> {
+impl Target for CheckedBoard {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        _: u32,
+        place: Option<&Placement>,
+    ) -> Result<(), Fault> {
         let board = Board::new(config, self.role).map_err(Error::from)?;
-        let axle = |of| AxleWatch::new(of, config.axle.controller.max_torque_nm);
-        let watch = match self.role {
-            Role::LEAD => Watch::Front(axle(AxleId(0)), LeadWatch::new()),
-            Role::Axle(_) => Watch::Rear(axle(AxleId(1))),
-            Role::Beam(_) => Watch::Beam(BeamWatch::new()),
+        let axle = |of| AxleChecks::new(of, config.axle.controller.max_torque_nm);
+        let checks = match self.role {
+            Role::LEAD => BoardChecks::Front(axle(AxleId(0)), LeadChecks::new()),
+            Role::Axle(_) => BoardChecks::Rear(axle(AxleId(1))),
+            Role::Beam(_) => BoardChecks::Beam(BeamChecks::new()),
         };
-        self.nodes = Some((board, watch));
+        self.nodes = Some((board, checks));
         if let (Some(lead), Some(place)) = (self.lead(), place) {
             lead.initialize(place);
         }
@@ -164,21 +175,21 @@ impl Target for Watched {
     /// Refuses a posture while the motors are driven, as the link does.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let driven = self.torque_nm != Wheels::both(0.0);
-        if driven && matches!(command, HostCommand::Place(_)) {
+        if driven && matches!(command, HostCommand::SetPose(_)) {
             return Ok(());
         }
-        let Some((board, Watch::Front(_, watch))) = &mut self.nodes else {
+        let Some((board, BoardChecks::Front(_, checks))) = &mut self.nodes else {
             return Ok(());
         };
         let Some(lead) = board.lead() else {
             return Ok(());
         };
         let mut orders = command.orders().into_iter();
-        let done = orders.try_for_each(|order| order.carry_out(lead));
+        let done = orders.try_for_each(|order| order.execute(lead));
         match (command, done) {
-            (HostCommand::Task(task), Ok(())) => watch.clears = *task == Task::Clear,
+            (HostCommand::Task(task), Ok(())) => checks.clears = *task == Task::Clear,
             // A new posture restarts the node.
-            (HostCommand::Place(_), Ok(())) => *watch = LeadWatch::new(),
+            (HostCommand::SetPose(_), Ok(())) => *checks = LeadChecks::new(),
             (HostCommand::Lost, Ok(())) | (_, Ok(())) => {}
             (_, Err(_)) => self.findings.lock().unwrap().refused += 1,
         }
@@ -198,10 +209,10 @@ impl Target for Watched {
         let mut at = tick;
         for fault in self.bus_faults(tick) {
             match fault {
-                BusFault::Deaf => return,
-                BusFault::Loss(share) if self.distorted.lost(share) => return,
+                BusFault::ReceiveNothing => return,
+                BusFault::Loss(share) if self.sample_faults.lost(share) => return,
                 BusFault::Late(ms) => at += ms,
-                BusFault::Loss(_) | BusFault::Mute => {}
+                BusFault::Loss(_) | BusFault::SendNothing => {}
             }
         }
         self.late.push((at, *message));
@@ -212,20 +223,20 @@ impl Target for Watched {
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, post: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let Some((tick, samples)) = self.begun.take() else {
             return Ok(Output::default());
         };
         self.deliver(tick);
-        let samples = self.distorted.samples(&self.plan, tick, &samples);
+        let samples = self.sample_faults.samples(&self.plan, tick, &samples);
         let mut outbox = Outbox::new();
         let output = self.step(tick, &samples, &mut outbox);
         let mute = self
             .bus_faults(tick)
-            .any(|fault| matches!(fault, BusFault::Mute));
+            .any(|fault| matches!(fault, BusFault::SendNothing));
         if !mute {
             for message in outbox.iter() {
-                post(Posted::Message(message));
+                post(Outgoing::Message(message));
             }
         }
         let mut findings = self.findings.lock().unwrap();
@@ -239,17 +250,17 @@ impl Target for Watched {
         Ok(output)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.nodes = None;
         self.late.clear();
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         InProcess::new(Topology::PAIR, self.role).report()
     }
 }

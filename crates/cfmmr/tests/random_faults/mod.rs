@@ -5,10 +5,10 @@
 //! checks.
 
 mod board;
+mod checks;
 mod plan;
-mod watch;
 
-use board::{Findings, Watched};
+use board::{CheckedBoard, Findings};
 use core_algos::topology::Role;
 use host_sim::run::robot::Robot as _;
 use host_sim::run::simulation::Simulation;
@@ -45,7 +45,7 @@ fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
     let plan = Arc::new(Plan::draw(seed));
     let findings = Arc::new(Mutex::new(Findings::default()));
     let targets = Role::PAIR
-        .map(|role| Box::new(Watched::new(role, &plan, seed, &findings)) as Box<dyn Target>);
+        .map(|role| Box::new(CheckedBoard::new(role, &plan, seed, &findings)) as Box<dyn Target>);
     let mut simulation = Simulation::on(targets.into(), &plan.scenario(), seed, 0).unwrap();
     if let Some((fault, at)) = plan.injected.clone() {
         simulation.inject(fault, at);

@@ -5,7 +5,7 @@ use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::board::Samples;
-use core_algos::node::lead::{Place, Task};
+use core_algos::node::lead::{Placement, Task};
 use core_algos::safety::Condition;
 use core_algos::topology::{Role, Side, Topology};
 use host_sim::scenario::Scenario;
@@ -45,9 +45,9 @@ pub enum SensorFault {
 #[derive(Clone, Copy, Debug)]
 pub enum BusFault {
     /// The board receives nothing.
-    Deaf,
+    ReceiveNothing,
     /// The board sends nothing.
-    Mute,
+    SendNothing,
     /// Share of the frames that the board does not receive.
     Loss(f64),
     /// Additional delay of frames, ms.
@@ -88,7 +88,7 @@ const REPORTED: [Condition; 18] = [
 ];
 
 /// Extreme and invalid numbers that a host may send.
-const ODD: [f32; 10] = [
+const EXTREME_NUMBERS: [f32; 10] = [
     f32::NAN,
     f32::INFINITY,
     f32::NEG_INFINITY,
@@ -179,8 +179,8 @@ impl Draw {
     /// Bus fault of one board, or of all boards at a time.
     fn bus(&mut self) -> Vec<(Role, BusFault, Span)> {
         let (fault, span) = match self.below(4) {
-            0 => (BusFault::Deaf, self.span(400)),
-            1 => (BusFault::Mute, self.span(400)),
+            0 => (BusFault::ReceiveNothing, self.span(400)),
+            1 => (BusFault::SendNothing, self.span(400)),
             2 => (BusFault::Loss(self.between(0.05, 0.9)), self.span(2000)),
             _ => (BusFault::Late(self.0.random_range(1..70)), self.span(2000)),
         };
@@ -259,16 +259,16 @@ impl Draw {
         commands
     }
 
-    fn near(&mut self) -> Posture {
+    fn near_posture(&mut self) -> Posture {
         let [x, y, phi] = [1.5, 1.5, 3.0].map(|most| self.between(-most, most) as f32);
         Posture::new(x, y, phi)
     }
 
-    /// Number within ±`sound`, or with probability 0.25 one of [`ODD`].
-    fn number(&mut self, sound: f64) -> f32 {
+    /// Number within ±`limit`, or with probability 0.25 one of [`EXTREME_NUMBERS`].
+    fn number(&mut self, limit: f64) -> f32 {
         match self.happens(0.25) {
-            true => ODD[self.below(ODD.len())],
-            false => self.between(-sound, sound) as f32,
+            true => EXTREME_NUMBERS[self.below(EXTREME_NUMBERS.len())],
+            false => self.between(-limit, limit) as f32,
         }
     }
 
@@ -280,7 +280,7 @@ impl Draw {
                 curvature: self.between(-2.0, 2.0) as f32,
             },
             2 => return HostCommand::Task(Task::Idle),
-            _ => Task::regulate(self.near()),
+            _ => Task::regulate(self.near_posture()),
         })
     }
 
@@ -291,7 +291,7 @@ impl Draw {
         }
     }
 
-    fn odd_posture(&mut self) -> Posture {
+    fn extreme_posture(&mut self) -> Posture {
         let [x, y, phi] = [2.0, 2.0, 4.0].map(|most| self.number(most));
         Posture::new(x, y, phi)
     }
@@ -299,7 +299,7 @@ impl Draw {
     fn any_command(&mut self) -> HostCommand {
         match self.below(9) {
             0 => HostCommand::Lost,
-            1 => HostCommand::Place(self.place()),
+            1 => HostCommand::SetPose(self.place()),
             2 | 3 => self.path(),
             4 => HostCommand::Task(Task::Follow {
                 within: self.tolerance(),
@@ -312,7 +312,7 @@ impl Draw {
                 curvature: self.number(3.0),
             }),
             _ => HostCommand::Task(Task::Regulate {
-                goal: self.odd_posture(),
+                goal: self.extreme_posture(),
                 within: match self.happens(0.5) {
                     true => Tolerance::default(),
                     false => self.tolerance(),
@@ -321,16 +321,16 @@ impl Draw {
         }
     }
 
-    fn place(&mut self) -> Place {
+    fn place(&mut self) -> Placement {
         let (center, relative) = match self.happens(0.5) {
-            true => (self.near(), Posture::new(0.37, 0.0, 0.0)),
-            false => (self.odd_posture(), self.odd_posture()),
+            true => (self.near_posture(), Posture::new(0.37, 0.0, 0.0)),
+            false => (self.extreme_posture(), self.extreme_posture()),
         };
         let sigmas = [0.01, 0.01, 0.02].map(|sigma| match self.happens(0.1) {
             true => self.number(1.0),
             false => sigma,
         });
-        Place {
+        Placement {
             center: Estimate::with_sigmas(center, sigmas),
             relative: Estimate::with_sigmas(relative, sigmas),
             floor_drift: match self.happens(0.1) {
@@ -353,7 +353,7 @@ impl Draw {
                     s,
                 };
                 if odd && self.happens(0.2) {
-                    point.posture = self.odd_posture();
+                    point.posture = self.extreme_posture();
                     point.kappa = self.number(2.0);
                     point.s = self.number(1.0);
                 }
@@ -380,13 +380,13 @@ impl Draw {
 }
 
 /// Applies the sensor faults of a plan to the samples of a board.
-pub struct Distorted {
+pub struct SampleFaults {
     role: Role,
     random: Pcg64,
     before: Option<Samples>,
 }
 
-impl Distorted {
+impl SampleFaults {
     pub fn new(role: Role, seed: u64) -> Self {
         Self {
             role,

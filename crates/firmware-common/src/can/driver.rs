@@ -38,7 +38,7 @@ const CHECK: Duration = Duration::from_millis(5);
 /// Longest time between two reports of the bus task, µs.
 pub const REPORTS_WITHIN: Micros = 200_000;
 /// Polls of the FIFO in one interrupt; a frame takes at least 47 µs, so fewer polls empty the FIFO.
-const FIFO_LOOKS: u32 = 16;
+const FIFO_POLLS: u32 = 16;
 
 static HEALTH: Health = Health::new();
 /// Ends of both queues for the handlers, until each handler takes its end.
@@ -198,7 +198,7 @@ pub async fn supervise(mut check_in: CheckIn) -> ! {
 
 /// Runs the bus of a board in a session: only frames of the link pass, because the nodes take no part in the bus.
 #[embassy_executor::task]
-pub async fn carry(mut sender: Sender, mut receiver: Receiver) -> ! {
+pub async fn run_session_bus(mut sender: Sender, mut receiver: Receiver) -> ! {
     loop {
         while receiver.take().is_some() {}
         sender.send_link_frame();
@@ -260,7 +260,7 @@ fn CAN1_RX0() {
         return;
     };
     RAN.fetch_or(RAN_RX0, Ordering::Relaxed);
-    for _ in 0..FIFO_LOOKS {
+    for _ in 0..FIFO_POLLS {
         let (fifo, overrun) = registers::fifo();
         if overrun {
             HEALTH.count(|counters| &mut counters.overrun);

@@ -66,9 +66,9 @@ mod tests {
     use std::collections::VecDeque;
 
     /// Deterministic random numbers; the tests need variety, not quality.
-    struct Lot(u64);
+    struct Random(u64);
 
-    impl Lot {
+    impl Random {
         fn below(&mut self, n: u64) -> u64 {
             self.0 = self
                 .0
@@ -86,13 +86,13 @@ mod tests {
 
     #[test]
     fn frames_of_one_identifier_leave_in_order_and_none_is_replaced() {
-        let mut lot = Lot(7);
+        let mut random = Random(7);
         let (mut mailboxes, mut hardware) = (Mailboxes::new(), [None; COUNT]);
         let mut queue = VecDeque::new();
         let (mut number, mut sent) = (0u32, Vec::new());
         for step in 0..200_000 {
-            if queue.len() < 24 && lot.below(3) == 0 {
-                queue.push_back((lot.below(4) as u16, number));
+            if queue.len() < 24 && random.below(3) == 0 {
+                queue.push_back((random.below(4) as u16, number));
                 number += 1;
             }
             while let Some(&(id, number)) = queue.front() {
@@ -104,7 +104,7 @@ mod tests {
                 mailboxes.fill(mailbox, Waiting { id, since: 0 });
                 queue.pop_front();
             }
-            if lot.below(3) == 0
+            if random.below(3) == 0
                 && let Some(mailbox) = next(&hardware)
             {
                 let (id, number) = hardware[mailbox].take().expect("full");

@@ -34,7 +34,7 @@ use core_algos::time::Micros;
 
 #[cfg(target_os = "none")]
 pub use driver::{
-    Bus, REPORTS_WITHIN, Receiver, Sender, carry, counters, is_off, start, supervise,
+    Bus, REPORTS_WITHIN, Receiver, Sender, counters, is_off, run_session_bus, start, supervise,
 };
 #[cfg(target_os = "none")]
 pub use service::ServicePort;

@@ -1,10 +1,10 @@
 //! Link of a board that drives: handles bytes and frames that arrive, without access to hardware.
 
 use core_algos::bus::CanFrame;
-use core_algos::link::attendant::Station;
 use core_algos::link::framing::Decoder;
+use core_algos::link::run_link::Station;
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Attendant, Demand};
+use core_algos::link::{Demand, RunLink};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 
@@ -27,9 +27,9 @@ pub enum Event<'a> {
 pub struct Driving {
     role: Role,
     /// Serves a host at this board's serial port.
-    at_port: &'static mut Attendant,
+    at_port: &'static mut RunLink,
     /// Serves a host at another board's serial port, over the bus.
-    on_bus: &'static mut Attendant,
+    on_bus: &'static mut RunLink,
     station: Station,
     end: LinkEnd,
     /// Decoder of other boards' replies.
@@ -40,7 +40,7 @@ pub struct Driving {
 
 impl Driving {
     /// A link without requests or orders in progress.
-    pub fn new(role: Role, [at_port, on_bus]: &'static mut [Attendant; 2], end: LinkEnd) -> Self {
+    pub fn new(role: Role, [at_port, on_bus]: &'static mut [RunLink; 2], end: LinkEnd) -> Self {
         Self {
             role,
             at_port,
@@ -59,7 +59,12 @@ impl Driving {
 
     /// Handles one event at `now`. Returns the route of a request for a session: the board must then reset into a
     /// session once all bytes are sent.
-    pub fn turn(&mut self, now: Micros, event: Event, output: &mut impl Output) -> Option<Route> {
+    pub fn handle_event(
+        &mut self,
+        now: Micros,
+        event: Event,
+        output: &mut impl Output,
+    ) -> Option<Route> {
         if self.end.is_watched() {
             self.report(output);
         }
@@ -85,16 +90,13 @@ impl Driving {
 
     /// Handles bytes from a host.
     fn receive(&mut self, route: Route, bytes: &[u8], output: &mut impl Output) -> Option<Route> {
-        let attendant = match route {
+        let run_link = match route {
             Route::Serial => &mut *self.at_port,
             Route::Bus => &mut *self.on_bus,
         };
         let role = self.role;
         let mut send = |reply: &[u8]| output.reply(route, role, reply);
-        match (
-            attendant.receive(bytes, &mut self.station, &mut send),
-            route,
-        ) {
+        match (run_link.receive(bytes, &mut self.station, &mut send), route) {
             (Some(Demand::Order(number, order)), route) => {
                 self.end.order(number, order);
                 self.ordered = route;
@@ -114,11 +116,11 @@ impl Driving {
 
     fn reply_to_order(&mut self, result: OrderResult, output: &mut impl Output) {
         let (role, route) = (self.role, self.ordered);
-        let attendant = match route {
+        let run_link = match route {
             Route::Serial => &mut *self.at_port,
             Route::Bus => &mut *self.on_bus,
         };
-        attendant.done(result, &mut |reply| output.reply(route, role, reply));
+        run_link.done(result, &mut |reply| output.reply(route, role, reply));
     }
 
     /// Handles a part of another board's reply.
@@ -140,7 +142,7 @@ impl Driving {
         if self.at_port.wants_telemetry()
             && let Some(telemetry) = self.end.take_telemetry()
         {
-            self.at_port.tell(&telemetry);
+            self.at_port.send_telemetry(&telemetry);
         }
         let entries = self.end.take_entries(self.at_port.room());
         self.at_port

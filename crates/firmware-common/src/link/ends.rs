@@ -93,7 +93,7 @@ impl TickEnd {
             self.execute(Order::Lost, lead);
         }
         if let Some((number, order)) = self.shared.order.try_take() {
-            let result = order.carry_out(lead);
+            let result = order.execute(lead);
             // The lead node may have accepted some points of a rejected order.
             self.put(&match result {
                 Ok(()) => Entry::Carried(number),
@@ -106,7 +106,7 @@ impl TickEnd {
     /// Executes an order that the board itself gives.
     pub fn execute(&mut self, order: Order, lead: &mut LeadNode) {
         // The board's own orders are finite and hold no points, so they cannot fail.
-        let _ = order.carry_out(lead);
+        let _ = order.execute(lead);
         self.put(&Entry::Order(order));
     }
 
@@ -172,9 +172,9 @@ impl LinkEnd {
         self.shared.telemetry.try_take()
     }
 
-    /// Takes the oldest entries that fit into `most` bytes.
-    pub fn take_entries(&mut self, most: usize) -> Entries {
-        self.reader.take(most)
+    /// Takes the oldest entries that fit into `max_bytes` bytes.
+    pub fn take_entries(&mut self, max_bytes: usize) -> Entries {
+        self.reader.take(max_bytes)
     }
 
     /// True if the next entry did not fit into the last report.

@@ -2,10 +2,10 @@
 
 use core::future::pending;
 
-use core_algos::link::attendant::REPORT_MS;
 use core_algos::link::protocol::StackUse;
+use core_algos::link::run_link::REPORT_MS;
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Attendant, Endpoint, Identity};
+use core_algos::link::{Identity, RunLink, SimLink};
 use core_algos::node::board::{Board, Ready};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::{Role, Topology};
@@ -84,8 +84,8 @@ impl Link {
         spawner: Spawner,
     ) {
         let service = bus.map(|bus| {
-            let carry = can::carry(bus.sender, bus.receiver);
-            spawner.spawn(carry.expect("spawned once"));
+            let task = can::run_session_bus(bus.sender, bus.receiver);
+            spawner.spawn(task.expect("spawned once"));
             bus.service
         });
         spawner.spawn(serve(self, service, watchdog, parameters).expect("spawned once"));
@@ -93,18 +93,18 @@ impl Link {
 
     /// Puts the nodes of a board that drives into the static memory that a session uses for its nodes.
     pub fn place(&self, nodes: Ready) -> &'static mut Board {
-        endpoint(self.identity).begin(nodes)
+        sim_link(self.identity).begin(nodes)
     }
 }
 
 /// Serves the link of a board that drives, for ever.
 #[embassy_executor::task]
 async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, end: LinkEnd) -> ! {
-    static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
+    static RUN_LINKS: StaticCell<[RunLink; 2]> = StaticCell::new();
     let Link { uart, identity } = link;
-    let attendant = || Attendant::new(identity, config, stack_use, fault::record);
-    let attendants = ATTENDANTS.init_with(|| [(); 2].map(|()| attendant()));
-    let mut driving = Driving::new(identity.role, attendants, end);
+    let run_link = || RunLink::new(identity, config, stack_use, fault::record);
+    let run_links = RUN_LINKS.init_with(|| [(); 2].map(|()| run_link()));
+    let mut driving = Driving::new(identity.role, run_links, end);
     let mut ports = Ports {
         uart,
         service: Some(service),
@@ -130,7 +130,7 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
             Ok(Either3::Third(result)) => Event::Executed(result),
             Ok(Either3::Second(())) | Err(_) => Event::Nothing,
         };
-        if let Some(route) = driving.turn(Instant::now().as_micros(), event, &mut ports) {
+        if let Some(route) = driving.handle_event(Instant::now().as_micros(), event, &mut ports) {
             ports.flush(route).await;
             defmt::info!("reset into a session");
             request::restart(Some(route));
@@ -155,8 +155,8 @@ async fn serve(
     };
     let mut ports = Ports { uart, service };
     let (mut feeder, mut extension) = watchdog.split();
-    let endpoint = endpoint(identity);
-    endpoint.load(parameters.contents());
+    let sim_link = sim_link(identity);
+    sim_link.load(parameters.contents());
     defmt::info!("{}: session", Topology::PAIR.name(role));
     let mut buffer = [0; 256];
     let (mut asked, mut reported) = (Instant::now(), Instant::now());
@@ -174,31 +174,31 @@ async fn serve(
         };
         if !bytes.is_empty() {
             let mut send = |reply: &[u8]| ports.reply(route, role, reply);
-            endpoint.receive(bytes, &mut send);
-            if let Some(save) = endpoint.save() {
+            sim_link.receive(bytes, &mut send);
+            if let Some(save) = sim_link.save() {
                 let values = extension.during(|| parameters.write(&save.settings, save.off));
                 let done = values.map(|values| (values, parameters.contents()));
-                endpoint.saved(done, &mut send);
+                sim_link.saved(done, &mut send);
             }
             asked = Instant::now();
         }
-        if endpoint.has_left() || asked.elapsed() > SILENCE {
+        if sim_link.has_ended() || asked.elapsed() > SILENCE {
             ports.flush(route).await;
             defmt::info!("end of the session");
             request::restart(None);
         }
         if reported.elapsed() > REPORT {
             reported = Instant::now();
-            report(endpoint);
+            report(sim_link);
         }
     }
 }
 
-/// Endpoint in static memory. Not inlined, so that its 20 kB, if built on the stack, enlarge no caller's frame.
+/// Simulation link in static memory. Not inlined, so that its 20 kB, if built on the stack, enlarge no caller's frame.
 #[inline(never)]
-fn endpoint(identity: Identity) -> &'static mut Endpoint {
-    static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
-    ENDPOINT.init_with(|| Endpoint::new(identity, stack_use))
+fn sim_link(identity: Identity) -> &'static mut SimLink {
+    static SIM_LINK: StaticCell<SimLink> = StaticCell::new();
+    SIM_LINK.init_with(|| SimLink::new(identity, stack_use))
 }
 
 /// Stack use for the host; also logs it.
@@ -212,8 +212,8 @@ fn stack_use() -> StackUse {
     }
 }
 
-fn report(endpoint: &Endpoint) {
-    let frames = endpoint.counters();
+fn report(sim_link: &SimLink) {
+    let frames = sim_link.counters();
     defmt::info!(
         "frames {} whole, {} damaged; {}; {}",
         frames.received,

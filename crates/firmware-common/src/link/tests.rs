@@ -9,7 +9,7 @@ use core_algos::link::order::POINTS;
 use core_algos::link::protocol::{self, CrashRecord, PROTOCOL, Refusal, Reply, Request, StackUse};
 use core_algos::link::record::{Entry, entries};
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Attendant, Identity, MotorState, Order, Stamp, lease};
+use core_algos::link::{Identity, MotorState, Order, RunLink, Stamp, lease};
 use core_algos::math::Posture;
 use core_algos::node::lead::{LeadNode, Output as LeadOutput, Task};
 use core_algos::node::robot::RobotConfig;
@@ -44,7 +44,7 @@ impl Output for Sent {
 }
 
 /// Front board that drives: its link, the tick's end, and the lead node.
-struct Bench {
+struct LinkBench {
     driving: Driving,
     tick: TickEnd,
     lead: Box<LeadNode>,
@@ -53,19 +53,18 @@ struct Bench {
     number: u8,
 }
 
-impl Bench {
+impl LinkBench {
     /// A board that has received a hello on both routes.
     fn new() -> Self {
         let identity = Identity {
             build: "test build",
             role: Role::LEAD,
         };
-        let attendant =
-            || Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let run_link = || RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let (tick, end) = Box::leak(Box::new(Channels::new())).split();
-        let attendants = Box::leak(Box::new([attendant(), attendant()]));
+        let run_links = Box::leak(Box::new([run_link(), run_link()]));
         let mut bench = Self {
-            driving: Driving::new(Role::LEAD, attendants, end),
+            driving: Driving::new(Role::LEAD, run_links, end),
             tick,
             lead: Box::new(LeadNode::new(CONFIG.build_lead().unwrap())),
             sent: Sent::default(),
@@ -74,25 +73,25 @@ impl Bench {
         };
         let (protocol, nonce) = (PROTOCOL, 1);
         for route in [Route::Serial, Route::Bus] {
-            bench.ask(route, &Request::Hello { protocol, nonce });
+            bench.send_request(route, &Request::Hello { protocol, nonce });
         }
         bench
     }
 
-    fn turn(&mut self, event: Event) -> Option<Route> {
-        self.driving.turn(self.now, event, &mut self.sent)
+    fn handle_event(&mut self, event: Event) -> Option<Route> {
+        self.driving.handle_event(self.now, event, &mut self.sent)
     }
 
     /// Sends a request; returns the replies and the route of a requested session.
-    fn ask(&mut self, route: Route, request: &Request) -> (Vec<Vec<u8>>, Option<Route>) {
+    fn send_request(&mut self, route: Route, request: &Request) -> (Vec<Vec<u8>>, Option<Route>) {
         self.number += 1;
         let frame = protocol::encode(self.number, request).unwrap();
         let mut session = None;
         match route {
-            Route::Serial => session = self.turn(Event::Bytes(frame.bytes())),
+            Route::Serial => session = self.handle_event(Event::Bytes(frame.bytes())),
             Route::Bus => {
                 for frame in segment::frames(Role::LEAD, Direction::To, frame.repeated()) {
-                    session = session.or(self.turn(Event::Frame(frame)));
+                    session = session.or(self.handle_event(Event::Frame(frame)));
                 }
             }
         }
@@ -119,7 +118,7 @@ impl Bench {
 
     /// The single reply to a request.
     fn reply(&mut self, request: &Request) -> Vec<u8> {
-        let (mut replies, _) = self.ask(Route::Serial, request);
+        let (mut replies, _) = self.send_request(Route::Serial, request);
         assert_eq!(replies.len(), 1, "{request:?}");
         replies.remove(0)
     }
@@ -128,12 +127,12 @@ impl Bench {
     fn execute(&mut self) {
         self.tick.execute_orders(&mut self.lead);
         let result = block_on(self.driving.end().result());
-        self.turn(Event::Executed(result));
+        self.handle_event(Event::Executed(result));
     }
 
     /// Entries of the reports that one turn of the link sends.
     fn entries(&mut self) -> Vec<String> {
-        self.turn(Event::Nothing);
+        self.handle_event(Event::Nothing);
         entries_of(&self.take(Route::Serial))
     }
 }
@@ -175,9 +174,9 @@ fn text(entry: &Entry) -> String {
 #[test]
 fn order_executed_by_the_tick_is_answered_with_done_on_its_route() {
     for route in [Route::Serial, Route::Bus] {
-        let mut bench = Bench::new();
+        let mut bench = LinkBench::new();
         let (goal, task) = goal();
-        let (replies, _) = bench.ask(route, &order(1, task));
+        let (replies, _) = bench.send_request(route, &order(1, task));
         assert!(replies.is_empty(), "before the tick");
         assert_eq!(bench.lead.latest_goal(), None);
         bench.execute();
@@ -192,14 +191,14 @@ fn order_executed_by_the_tick_is_answered_with_done_on_its_route() {
 
 #[test]
 fn order_refused_by_the_lead_node_is_answered_with_the_reason_and_ends_the_record() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     bench.reply(&Request::Watch);
     let mut points = [None; POINTS];
     points[0] = Some(PathPoint {
         kappa: 1e6,
         ..PathPoint::default()
     });
-    bench.ask(Route::Serial, &order(1, Order::Path { points, end: true }));
+    bench.send_request(Route::Serial, &order(1, Order::Path { points, end: true }));
     bench.execute();
     let replies = bench.take(Route::Serial);
     let refused = Reply::Refused(Refusal::Point(PathError::TooTight));
@@ -209,9 +208,9 @@ fn order_refused_by_the_lead_node_is_answered_with_the_reason_and_ends_the_recor
 
 #[test]
 fn order_is_executed_once() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     bench.reply(&Request::Watch);
-    bench.ask(Route::Serial, &order(9, goal().1));
+    bench.send_request(Route::Serial, &order(9, goal().1));
     bench.tick.execute_orders(&mut bench.lead);
     bench.tick.execute_orders(&mut bench.lead);
     assert_eq!(bench.entries(), [text(&Entry::Carried(9))]);
@@ -219,7 +218,7 @@ fn order_is_executed_once() {
 
 #[test]
 fn lease_that_lapses_stops_the_robot_once() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     bench.reply(&Request::Watch);
     let began = bench.now;
     bench.reply(&Request::Keep(stamp(1)));
@@ -229,7 +228,7 @@ fn lease_that_lapses_stops_the_robot_once() {
         (lease::TERM + 2, vec![]),
     ] {
         bench.now = began + after;
-        bench.turn(Event::Nothing);
+        bench.handle_event(Event::Nothing);
         bench.tick.execute_orders(&mut bench.lead);
         assert_eq!(bench.entries(), expected, "{after} µs after the order");
     }
@@ -237,7 +236,7 @@ fn lease_that_lapses_stops_the_robot_once() {
 
 #[test]
 fn order_of_the_board_is_recorded() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     bench.reply(&Request::Watch);
     let (goal, task) = goal();
     bench.tick.execute(task, &mut bench.lead);
@@ -247,7 +246,7 @@ fn order_of_the_board_is_recorded() {
 
 #[test]
 fn begin_request_reaches_the_tick_once() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     assert!(!bench.tick.take_begin());
     let reply = bench.reply(&Request::Record(stamp(1)));
     assert_eq!(decoded(&reply), Reply::Done);
@@ -258,15 +257,15 @@ fn begin_request_reaches_the_tick_once() {
 #[test]
 fn session_is_refused_until_the_motors_are_off() {
     for route in [Route::Serial, Route::Bus] {
-        let mut bench = Bench::new();
+        let mut bench = LinkBench::new();
         for motors in [MotorState::Driven, MotorState::Braking] {
             bench.tick.set_motors(motors);
-            let (replies, session) = bench.ask(route, &Request::Rig);
+            let (replies, session) = bench.send_request(route, &Request::Rig);
             assert_eq!(decoded(&replies[0]), Reply::Refused(Refusal::Armed));
             assert_eq!(session, None);
         }
         bench.tick.set_motors(MotorState::Off);
-        let (replies, session) = bench.ask(route, &Request::Rig);
+        let (replies, session) = bench.send_request(route, &Request::Rig);
         assert_eq!(decoded(&replies[0]), Reply::Done);
         assert_eq!(session, Some(route));
     }
@@ -274,13 +273,13 @@ fn session_is_refused_until_the_motors_are_off() {
 
 #[test]
 fn telemetry_is_published_only_for_a_host_that_watches() {
-    let mut bench = Bench::new();
-    let publish = |bench: &mut Bench| {
+    let mut bench = LinkBench::new();
+    let publish = |bench: &mut LinkBench| {
         let output = LeadOutput::default();
         bench.tick.publish(bench.now, output, &mut bench.lead);
     };
-    let telemetry = |bench: &mut Bench| {
-        bench.turn(Event::Nothing);
+    let telemetry = |bench: &mut LinkBench| {
+        bench.handle_event(Event::Nothing);
         let reports = bench.take(Route::Serial);
         let part = |report: &Vec<u8>| match decoded(report) {
             Reply::Report { telemetry, .. } => telemetry.len(),
@@ -297,7 +296,7 @@ fn telemetry_is_published_only_for_a_host_that_watches() {
 
 #[test]
 fn report_waits_for_the_port() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     bench.reply(&Request::Watch);
     bench.tick.put(&Entry::Wait);
     bench.sent.busy = true;
@@ -308,7 +307,7 @@ fn report_waits_for_the_port() {
 
 #[test]
 fn reply_of_another_board_is_relayed_to_the_port() {
-    let mut bench = Bench::new();
+    let mut bench = LinkBench::new();
     let inner = protocol::encode(5, &Request::Stack).unwrap();
     let mut decoder = Decoder::new();
     let payload = inner.bytes().iter().find_map(|&byte| {
@@ -319,7 +318,7 @@ fn reply_of_another_board_is_relayed_to_the_port() {
         role: Role::axle(1),
         payload: &payload.unwrap(),
     };
-    let (replies, _) = bench.ask(Route::Serial, &request);
+    let (replies, _) = bench.send_request(Route::Serial, &request);
     assert!(replies.is_empty());
     let requests = core::mem::take(&mut bench.sent.bus);
     let to_rear = Some((Role::axle(1), Direction::To));
@@ -327,7 +326,7 @@ fn reply_of_another_board_is_relayed_to_the_port() {
     assert!(requests.iter().all(|f| segment::address(f.id) == to_rear));
     let reply = protocol::encode(5, &Reply::Done).unwrap();
     for frame in segment::frames(Role::axle(1), Direction::From, reply.repeated()) {
-        bench.turn(Event::Frame(frame));
+        bench.handle_event(Event::Frame(frame));
     }
     let replies = bench.take(Route::Serial);
     assert!(matches!(decoded(&replies[0]), Reply::Relayed { .. }));

@@ -30,9 +30,9 @@ const RX: usize = 1;
 const TX: usize = 3;
 const CHANNEL: u8 = 4;
 /// Size of the receive buffer, bytes: two of the longest frames.
-const ROOM: usize = 2 * MAX_FRAME;
+const RING_BYTES: usize = 2 * MAX_FRAME;
 
-static RING: [AtomicU8; ROOM] = [const { AtomicU8::new(0) }; ROOM];
+static RING: [AtomicU8; RING_BYTES] = [const { AtomicU8::new(0) }; RING_BYTES];
 static IDLE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// Status bits that a write of 1 keeps: all except transmission complete.
@@ -69,7 +69,7 @@ impl Uart {
         let stream = DMA1.st(RX);
         stream.par().write_value(uart.dr().as_ptr() as u32);
         stream.m0ar().write_value(RING.as_ptr() as u32);
-        stream.ndtr().write(|w| w.set_ndt(ROOM as u16));
+        stream.ndtr().write(|w| w.set_ndt(RING_BYTES as u16));
         stream.cr().write(|w| {
             w.set_chsel(CHANNEL);
             w.set_minc(true);
@@ -103,8 +103,8 @@ impl Uart {
     pub async fn read(&mut self, buffer: &mut [u8]) -> usize {
         loop {
             let left = usize::from(DMA1.st(RX).ndtr().read().ndt());
-            let written = (ROOM - left) % ROOM;
-            let count = ((written + ROOM - self.read) % ROOM).min(buffer.len());
+            let written = (RING_BYTES - left) % RING_BYTES;
+            let count = ((written + RING_BYTES - self.read) % RING_BYTES).min(buffer.len());
             if count == 0 {
                 IDLE.wait().await;
                 continue;
@@ -112,7 +112,7 @@ impl Uart {
             compiler_fence(Ordering::Acquire);
             for byte in &mut buffer[..count] {
                 *byte = RING[self.read].load(Ordering::Relaxed);
-                self.read = (self.read + 1) % ROOM;
+                self.read = (self.read + 1) % RING_BYTES;
             }
             return count;
         }

@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::params::{Contents, Disarmed, Report, Settings};
+use core_algos::params::{Contents, Disarmed, Settings, StoreReport};
 use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
@@ -76,7 +76,7 @@ pub struct Parameters {
     /// Settings in use.
     pub settings: Settings,
     /// State of the store at the start.
-    pub report: Report,
+    pub report: StoreReport,
 }
 
 impl Parameters {
@@ -101,7 +101,7 @@ impl Parameters {
                 store: open(flash),
                 base,
                 settings: base,
-                report: Report::default(),
+                report: StoreReport::default(),
             }
         })
     }
@@ -115,7 +115,7 @@ impl Parameters {
     fn settle(&mut self, role: Role) {
         let contents = self.store.contents();
         let check = |settings: &Settings| settings.check(role);
-        (self.settings, self.report) = contents.settle(&self.base, check);
+        (self.settings, self.report) = contents.resolve(&self.base, check);
     }
 
     /// Saves the settings; true on success. The core itself writes the flash: only interrupts run meanwhile.
@@ -139,7 +139,7 @@ impl Parameters {
     }
 }
 
-fn log(report: &Report) {
+fn log(report: &StoreReport) {
     info!("{} parameters from the store", report.stored());
     if let Some(error) = report.unusable {
         warn!(

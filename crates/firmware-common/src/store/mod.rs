@@ -30,9 +30,9 @@ type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
 /// Key of an item being read, which leaves the key byte in the value: for an item of no bytes the library would panic
 /// when it cuts the key off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Uncut;
+struct WithKeyByte;
 
-impl Key for Uncut {
+impl Key for WithKeyByte {
     fn serialize_into(&self, _buffer: &mut [u8]) -> Result<usize, SerializationError> {
         Err(SerializationError::InvalidData)
     }
@@ -104,7 +104,7 @@ impl<F: NorFlash> Store<F> {
         let attempts = if self.contents.is_unreadable() { 0 } else { 2 };
         for _ in 0..attempts {
             // If the library fails, values are missing, which the check below detects.
-            if self.tidy().await
+            if self.repair().await
                 && self.write(settings, base).await.is_ok()
                 && self.holds(settings, base)
             {
@@ -153,7 +153,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Repairs the sectors after a power cut, so that the library can use them; `false` if an erase failed or would
     /// lose a value.
-    async fn tidy(&mut self) -> bool {
+    async fn repair(&mut self) -> bool {
         for sector in self.sectors() {
             let (begun, blank) = self.state(&sector).await;
             let spoiled = !begun && !blank;
@@ -240,7 +240,7 @@ impl<F: NorFlash> Store<F> {
     /// Adds every valid item of a sector to `contents`.
     async fn read_sector(&mut self, sector: Range<u32>, contents: &mut Contents) {
         let view = View::new(&mut self.flash, sector);
-        let Some(mut map) = map::<Uncut, _>(view, self.range.clone()) else {
+        let Some(mut map) = map::<WithKeyByte, _>(view, self.range.clone()) else {
             return;
         };
         let mut buffer = [0; BUFFER];
@@ -248,7 +248,7 @@ impl<F: NorFlash> Store<F> {
             return;
         };
         // An unreadable item ends the sector; the manifest shows which values were lost with it.
-        while let Ok(Some((Uncut, item))) = items.next::<&[u8]>(&mut buffer).await {
+        while let Ok(Some((WithKeyByte, item))) = items.next::<&[u8]>(&mut buffer).await {
             if let Some((&key, bytes)) = item.split_first() {
                 contents.take(key, bytes);
             }

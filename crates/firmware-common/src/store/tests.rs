@@ -1,6 +1,6 @@
 use super::simulated::{Flash, Random, Torn, run};
 use super::*;
-use core_algos::params::{Parameter, Report, TABLE, find};
+use core_algos::params::{Parameter, StoreReport, TABLE, find};
 use core_algos::safety::OperatingState;
 
 /// Sectors smaller than the chip's, which fill up sooner.
@@ -16,10 +16,10 @@ fn store<const SECTOR: usize>(flash: Flash<SECTOR>) -> Store<Flash<SECTOR>> {
 }
 
 /// Loads the parameters as at a start: settings and report. Checks that the flash is unchanged.
-fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, Report) {
+fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, StoreReport) {
     let mut store = store(flash.clone());
     // The values are drawn at random within their ranges and need not fit together, so the check accepts all.
-    let started = run(store.load()).settle(&Settings::default(), |_| Ok(()));
+    let started = run(store.load()).resolve(&Settings::default(), |_| Ok(()));
     assert_eq!(store.flash().bytes, flash.bytes);
     started
 }
@@ -69,7 +69,7 @@ fn save_is_allowed_only_while_the_motors_are_off() {
 fn blank_store_gives_defaults_and_a_save_writes_only_changed_values() {
     let base = Settings::default();
     let mut store = store(SmallFlash::new(2, 1));
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (base, true));
     assert_eq!(run(store.save(&base, &base, disarmed())), Ok(0));
     let mut wanted = base;
@@ -104,12 +104,12 @@ fn store_written_with_95_identifiers_is_read_and_extended() {
     }
     let manifest = contents.manifest().unwrap().to_bytes();
     run(store.append(MANIFEST_KEY, &manifest[..5 + 95])).unwrap();
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
     let wanted = with(wanted, "robot.lead.fusion.mode", 0.0);
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(1));
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
 }
 
@@ -135,12 +135,12 @@ fn item_without_bytes_is_skipped() {
     let flash = map.destroy().0;
     assert!(flash.steps > 0);
     let mut store = store(flash);
-    assert_eq!(run(store.load()).settle(&base, |_| Ok(())).0, base);
+    assert_eq!(run(store.load()).resolve(&base, |_| Ok(())).0, base);
     let mut wanted = base;
     let radius = find("robot.geometry.wheel_radius_m").unwrap();
     radius.set(&mut wanted, 0.0735).unwrap();
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(1));
-    assert_eq!(run(store.load()).settle(&base, |_| Ok(())).0, wanted);
+    assert_eq!(run(store.load()).resolve(&base, |_| Ok(())).0, wanted);
 }
 
 #[test]
@@ -269,12 +269,12 @@ fn second_power_cut_at_any_step_of_the_repair_keeps_every_acknowledged_value() {
 #[test]
 fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     const ROUNDS: u32 = 1500;
-    let [single, many] = [1, 60].map(|most| damage(ROUNDS, most));
+    let [single, many] = [1, 60].map(|max_bytes| damage(ROUNDS, max_bytes));
     println!("{single:?} {many:?}");
     // The manifest reveals every loss by a single fault.
-    assert!(single.intact > 1000 && single.defaults > 10 && single.silent == 0);
+    assert!(single.intact > 1000 && single.defaults > 10 && single.undetected == 0);
     // Many faults may hit both a value and the manifest of its save, and such a loss is undetected.
-    assert!(many.defaults > 1000 && many.silent * 200 <= ROUNDS);
+    assert!(many.defaults > 1000 && many.undetected * 200 <= ROUNDS);
 }
 
 /// Counts of starts with damaged bytes.
@@ -285,12 +285,12 @@ struct Damage {
     /// Values replaced by their defaults, with a notice.
     defaults: usize,
     /// Starts with a wrong value and without a notice.
-    silent: u32,
+    undetected: u32,
 }
 
-/// Damages up to `most` bytes of a store in use, `rounds` times. Checks that every value stays in its range and can
-/// be saved again.
-fn damage(rounds: u32, most: usize) -> Damage {
+/// Damages up to `max_bytes` bytes of a store in use, `rounds` times. Checks that every value stays in its range and
+/// can be saved again.
+fn damage(rounds: u32, max_bytes: usize) -> Damage {
     let mut counts = Damage::default();
     let (mut random, mut settings) = (Random(4), Settings::default());
     let mut flash = SmallFlash::new(3, 4);
@@ -301,7 +301,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
             flash = save(&flash, &settings).0;
         }
         let mut damaged = flash.clone();
-        for _ in 0..1 + random.below(most) {
+        for _ in 0..1 + random.below(max_bytes) {
             let place = random.below(damaged.bytes.len());
             // Mostly in the written part, at the front of a sector.
             let place = match random.below(4) {
@@ -318,7 +318,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
         let (found, report) = load(&damaged);
         counts.intact += u32::from(found == settings);
         counts.defaults += report.defaults();
-        counts.silent += u32::from(found != settings && report.conditions().is_empty());
+        counts.undetected += u32::from(found != settings && report.conditions().is_empty());
         for parameter in &TABLE {
             assert!(parameter.validate(parameter.get(&found)).is_ok());
         }

@@ -11,9 +11,9 @@ const BLANK: u8 = 0xff;
 
 /// Error of a [`View`].
 #[derive(Clone, Copy, Debug)]
-pub struct Refused(NorFlashErrorKind);
+pub struct ViewError(NorFlashErrorKind);
 
-impl NorFlashError for Refused {
+impl NorFlashError for ViewError {
     fn kind(&self) -> NorFlashErrorKind {
         self.0
     }
@@ -44,15 +44,15 @@ impl<'a, F: NorFlash> View<'a, F> {
 }
 
 impl<F: NorFlash> ErrorType for View<'_, F> {
-    type Error = Refused;
+    type Error = ViewError;
 }
 
 impl<F: NorFlash> ReadNorFlash for View<'_, F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), ViewError> {
         let read = self.flash.read(offset, bytes).await;
-        read.map_err(|error| Refused(error.kind()))?;
+        read.map_err(|error| ViewError(error.kind()))?;
         for (address, byte) in (offset..).zip(bytes) {
             *byte = self.replaced(address).unwrap_or(*byte);
         }
@@ -68,12 +68,12 @@ impl<F: NorFlash> NorFlash for View<'_, F> {
     const WRITE_SIZE: usize = F::WRITE_SIZE;
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
-    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), Refused> {
-        Err(Refused(NorFlashErrorKind::Other))
+    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), ViewError> {
+        Err(ViewError(NorFlashErrorKind::Other))
     }
 
-    async fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), Refused> {
-        Err(Refused(NorFlashErrorKind::Other))
+    async fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), ViewError> {
+        Err(ViewError(NorFlashErrorKind::Other))
     }
 }
 

@@ -65,7 +65,7 @@ pub trait BoardTick {
     /// Samples of the tick.
     type Samples;
     /// Report for the log.
-    type Report: Clone + 'static;
+    type LogReport: Clone + 'static;
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
     fn wait(&mut self) -> impl Future<Output = Option<(Micros, Self::Input)>>;
@@ -88,7 +88,7 @@ pub trait BoardTick {
         samples: &Self::Samples,
         health: Health,
         common: &mut Common<Self::Hardware>,
-    ) -> Self::Report;
+    ) -> Self::LogReport;
 }
 
 /// Health of the tick, common to all boards.
@@ -170,7 +170,7 @@ impl<H: Hardware> Common<H> {
 
     /// Sends a message of a node; the LED shows the state in it.
     pub fn send_of_node(&mut self, message: &Message) -> Option<Message> {
-        self.led.see(message);
+        self.led.receive(message);
         self.hardware.send(message)
     }
 
@@ -196,7 +196,7 @@ impl<H: Hardware> Common<H> {
         self.link.put(&Entry::End);
     }
 
-    fn show(&mut self) {
+    fn update_led(&mut self) {
         self.ticks = self.ticks.wrapping_add(1);
         self.hardware.set_led(self.led.is_lit(self.ticks));
     }
@@ -215,14 +215,14 @@ impl<H: Hardware> Common<H> {
 pub struct TickLoop<B: BoardTick> {
     board: B,
     common: Common<B::Hardware>,
-    reports: Reports<B::Report>,
+    reports: Reports<B::LogReport>,
     stopwatch: Stopwatch,
     health: Every,
 }
 
 impl<B: BoardTick> TickLoop<B> {
     /// Creates the loop, before its first tick.
-    pub fn new(board: B, common: Common<B::Hardware>, reports: Reports<B::Report>) -> Self {
+    pub fn new(board: B, common: Common<B::Hardware>, reports: Reports<B::LogReport>) -> Self {
         Self {
             board,
             common,
@@ -235,12 +235,12 @@ impl<B: BoardTick> TickLoop<B> {
     /// Runs the tick for ever. Takes a reference, because a future that owned the loop would store it twice.
     pub async fn run(&mut self) -> ! {
         loop {
-            self.turn().await;
+            self.run_tick().await;
         }
     }
 
     /// Waits for a tick and does its work.
-    async fn turn(&mut self) {
+    async fn run_tick(&mut self) {
         let Self { board, common, .. } = self;
         let tick = board.wait().await;
         common.hardware.check_in();
@@ -250,7 +250,7 @@ impl<B: BoardTick> TickLoop<B> {
         let (cycles, now) = (common.hardware.cycles(), common.hardware.now());
         self.stopwatch.begin(now, cycles);
         common.local = local;
-        common.show();
+        common.update_led();
         let samples = board.begin(local, input, common);
         while let Some(arrived) = common.hardware.receive() {
             common.sync.receive(arrived.local, &arrived.message);

@@ -90,7 +90,7 @@ impl BoardTick for Board {
     type Hardware = Fake;
     type Input = u8;
     type Samples = u8;
-    type Report = Health;
+    type LogReport = Health;
 
     async fn wait(&mut self) -> Option<(Micros, u8)> {
         self.note("wait");
@@ -135,14 +135,14 @@ impl BoardTick for Board {
 
 type Reported = watch::Receiver<'static, CriticalSectionRawMutex, Health, 1>;
 
-struct Bench {
+struct TickBench {
     tick: TickLoop<Board>,
     calls: Calls,
     link: LinkEnd,
     reports: Reported,
 }
 
-impl Bench {
+impl TickBench {
     fn new() -> Self {
         let calls = Calls::default();
         let (tick_end, link) = Box::leak(Box::new(Channels::new())).split();
@@ -181,17 +181,17 @@ impl Bench {
     }
 
     /// Runs a tick that begins at this local time; `None` is a tick without samples.
-    fn turn(&mut self, local: Option<Micros>) -> Vec<String> {
+    fn run_tick(&mut self, local: Option<Micros>) -> Vec<String> {
         self.tick.board.ticks.push_back(local);
         self.tick.common.hardware.now = local.unwrap_or_default();
-        block_on(self.tick.turn());
+        block_on(self.tick.run_tick());
         self.calls.take()
     }
 
     /// Runs ticks on time, by number.
-    fn turns(&mut self, ticks: core::ops::RangeInclusive<u64>) {
+    fn run_ticks(&mut self, ticks: core::ops::RangeInclusive<u64>) {
         for tick in ticks {
-            self.turn(Some(tick * TICK));
+            self.run_tick(Some(tick * TICK));
         }
     }
 
@@ -212,7 +212,7 @@ fn status(state: OperatingState) -> Message {
 
 #[test]
 fn parts_of_a_tick_run_in_the_order_of_the_data() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     let message = Message::LeadStatus {
         sequence: 0,
         mode: LeadMode::Idle,
@@ -232,20 +232,20 @@ fn parts_of_a_tick_run_in_the_order_of_the_data() {
         "step",
         "link frame",
     ];
-    assert_eq!(bench.turn(Some(TICK)), expected);
+    assert_eq!(bench.run_tick(Some(TICK)), expected);
 }
 
 #[test]
 fn tick_without_samples_checks_in_and_is_left_out() {
-    let mut bench = Bench::new();
-    assert_eq!(bench.turn(None), ["wait", "check in"]);
-    bench.turns(1..=99);
+    let mut bench = TickBench::new();
+    assert_eq!(bench.run_tick(None), ["wait", "check in"]);
+    bench.run_ticks(1..=99);
     assert_eq!(bench.reports.try_get(), None, "it does not count");
 }
 
 #[test]
 fn link_has_the_state_of_the_motors_after_each_tick() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     let states = [
         MotorState::Driven,
         MotorState::Braking,
@@ -254,17 +254,17 @@ fn link_has_the_state_of_the_motors_after_each_tick() {
     ];
     for (tick, motors) in (1..).zip(states) {
         bench.tick.board.motors = motors;
-        bench.turn(Some(tick * TICK));
+        bench.run_tick(Some(tick * TICK));
         assert_eq!(bench.link.motors(), motors);
     }
 }
 
 #[test]
 fn health_is_sent_and_reported_with_every_hundredth_tick() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     let mut reported = Vec::new();
     for tick in 1..=350 {
-        bench.turn(Some(tick * TICK));
+        bench.run_tick(Some(tick * TICK));
         let health = bench.reports.try_changed();
         let sent = bench.sent();
         assert_eq!(health.is_some(), !sent.is_empty(), "tick {tick}");
@@ -281,27 +281,27 @@ fn health_is_sent_and_reported_with_every_hundredth_tick() {
 
 #[test]
 fn identity_is_sent_with_every_tenth_health_report() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     let is_identity = |message: &Message| matches!(message, Message::BoardIdentity { .. });
-    bench.turns(1..=999);
+    bench.run_ticks(1..=999);
     assert!(!bench.sent().iter().any(is_identity));
-    bench.turns(1000..=1000);
+    bench.run_ticks(1000..=1000);
     assert!(bench.sent().iter().any(is_identity));
 }
 
 #[test]
 fn late_tick_is_counted_as_jitter_and_its_missed_tick_as_missed() {
-    let mut bench = Bench::new();
-    bench.turns(1..=50);
+    let mut bench = TickBench::new();
+    bench.run_ticks(1..=50);
     // Tick 51 is left out, and tick 52 begins 0.3 ms late.
     bench.tick.board.ticks.push_back(Some(52 * TICK));
     bench.tick.common.hardware.now = 52 * TICK + 300;
-    block_on(bench.tick.turn());
-    bench.turns(53..=101);
+    block_on(bench.tick.run_tick());
+    bench.run_ticks(53..=101);
     let health = bench.reports.try_get().expect("a report");
     assert_eq!(health.timing.jitter_us, 1_300);
     assert_eq!(health.missed, 1);
-    bench.turns(102..=201);
+    bench.run_ticks(102..=201);
     let health = bench.reports.try_get().expect("a report");
     assert_eq!(health.timing.jitter_us, 0);
     assert_eq!(health.missed, 1);
@@ -309,41 +309,41 @@ fn late_tick_is_counted_as_jitter_and_its_missed_tick_as_missed() {
 
 #[test]
 fn longest_tick_is_reset_by_each_report() {
-    let mut bench = Bench::new();
-    bench.turns(1..=10);
+    let mut bench = TickBench::new();
+    bench.run_ticks(1..=10);
     bench.tick.board.step_us = 620;
-    bench.turns(11..=11);
+    bench.run_ticks(11..=11);
     bench.tick.board.step_us = 10;
-    bench.turns(12..=100);
-    let longest = |bench: &mut Bench| bench.reports.try_get().unwrap().timing.longest_us;
+    bench.run_ticks(12..=100);
+    let longest = |bench: &mut TickBench| bench.reports.try_get().unwrap().timing.longest_us;
     assert_eq!(longest(&mut bench), 620);
-    bench.turns(101..=200);
+    bench.run_ticks(101..=200);
     assert_eq!(longest(&mut bench), 10);
 }
 
 #[test]
 fn led_shows_the_state_that_the_node_sends() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     bench.tick.board.status = Some(status(OperatingState::Active));
-    bench.turns(1..=2);
-    let lit = |bench: &mut Bench, ticks: core::ops::Range<u64>| {
+    bench.run_ticks(1..=2);
+    let lit = |bench: &mut TickBench, ticks: core::ops::Range<u64>| {
         let lit = ticks.filter(|tick| {
-            bench.turn(Some(tick * TICK));
+            bench.run_tick(Some(tick * TICK));
             bench.tick.common.hardware.lit
         });
         lit.count()
     };
     assert_eq!(lit(&mut bench, 3..2_003), 2_000);
     bench.tick.board.status = Some(status(OperatingState::Idle));
-    bench.turns(2_003..=2_004);
+    bench.run_ticks(2_003..=2_004);
     assert_eq!(lit(&mut bench, 2_005..4_005), 100);
 }
 
 #[test]
 fn message_that_arrived_reaches_the_common_time() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     bench.tick.common.sync = TickSync::following();
-    bench.turns(1..=100);
+    bench.run_ticks(1..=100);
     assert!(!bench.reports.try_get().unwrap().in_step);
     for tick in 101..=300u64 {
         let message = Message::TimeSync {
@@ -355,18 +355,18 @@ fn message_that_arrived_reaches_the_common_time() {
             let arrived = Arrived { local, message };
             bench.tick.common.hardware.arrived.push_back(arrived);
         }
-        bench.turn(Some(tick * TICK));
+        bench.run_tick(Some(tick * TICK));
     }
     assert!(bench.reports.try_get().unwrap().in_step);
 }
 
 #[test]
 fn message_of_another_board_with_the_same_role_sets_role_taken_for_a_second() {
-    let mut bench = Bench::new();
+    let mut bench = TickBench::new();
     let mut conditions = |tick: u64, arrived: Option<Message>| {
         let arrived = arrived.map(|message| Arrived { local: 0, message });
         bench.tick.common.hardware.arrived.extend(arrived);
-        bench.turn(Some(tick * TICK));
+        bench.run_tick(Some(tick * TICK));
         bench
             .tick
             .common
@@ -381,8 +381,8 @@ fn message_of_another_board_with_the_same_role_sets_role_taken_for_a_second() {
 
 #[test]
 fn bus_off_is_a_condition() {
-    let mut bench = Bench::new();
-    bench.turn(Some(TICK));
+    let mut bench = TickBench::new();
+    bench.run_tick(Some(TICK));
     assert!(bench.tick.common.conditions().is_empty());
     bench.tick.common.hardware.bus_off = true;
     let expected = Conditions::only(Condition::BusOff);

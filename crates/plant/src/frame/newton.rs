@@ -210,11 +210,11 @@ impl Strip {
         let g = p.length * p.tension - give_across * p.shear;
         let cx = y - give_across * p.cos;
         let cy = Twelve([none; 3]) - x - give_across * p.sin;
-        let along = give * p.cos;
+        let axial = give * p.cos;
         let turn = rise * g;
         let [end_x, end_y, c0x, c0y] = integrals(x, y, rise * cx, rise * cy);
         let [give_xx, give_xy, k00, first] =
-            integrals(along * p.cos, along * p.sin, rise * turn, rise * across);
+            integrals(axial * p.cos, axial * p.sin, rise * turn, rise * across);
         let give_yy = self.stretch - give_xx;
 
         // Products with the slope functions, mode by mode: x, y, turn, gradient.

@@ -26,10 +26,10 @@ pub fn drift(
     let mut drift = [[0.0; 4]; 2];
     for (i, axle) in axles.iter().enumerate() {
         let ahead = rotate(&directions[i], small_turn(0.5 * h * axle.velocity[2]));
-        let seen = unrotate(&carpet, ahead);
+        let displacement = unrotate(&carpet, ahead);
         for n in 0..2 {
-            drift[n][2 * i] = seen[n];
-            drift[n][2 * i + 1] = seen[n];
+            drift[n][2 * i] = displacement[n];
+            drift[n][2 * i + 1] = displacement[n];
         }
     }
     drift
@@ -41,9 +41,9 @@ pub fn downhill<const N: usize, const F: usize>(
     gravity: [f64; 2],
     geometry: &[Geometry; F],
 ) -> [[f64; 2]; N] {
-    let mut along = directions_of(geometry);
-    for along in &mut along {
-        *along = unrotate(&gravity, *along);
+    let mut local = directions_of(geometry);
+    for local in &mut local {
+        *local = unrotate(&gravity, *local);
     }
-    along
+    local
 }

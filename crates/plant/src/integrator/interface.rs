@@ -156,9 +156,9 @@ impl Plant {
         let (length, root) = (strip.length(), clamps.root_length);
         let whole = root + length + clamps.tip_length;
         let place = |k: usize| {
-            let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
-            let s = (along - root).clamp(0.0, length);
-            (strip.station(s), along - root - s)
+            let distance = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
+            let s = (distance - root).clamp(0.0, length);
+            (strip.station(s), distance - root - s)
         };
         let places = (0..points).map(place).collect();
         Outline { frame, places }

@@ -22,7 +22,7 @@ use host_sim::bus::virtual_bus::name_of;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::recovery::Status;
 use host_sim::run::robot::Record;
-use host_sim::targets::Report;
+use host_sim::targets::TargetReport;
 use host_sim::world::body::Body;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -32,9 +32,9 @@ use std::sync::atomic::AtomicBool;
 /// Epochs between two messages of the scene.
 const SCENE_EPOCHS: u64 = 5;
 /// Epochs between two points of the path driven so far, and between two messages of that path.
-const WAY_EPOCHS: [u64; 2] = [10, 100];
+const TRUE_PATH_EPOCHS: [u64; 2] = [10, 100];
 /// Approximate limit of points in a message of the driven path; a longer path is thinned.
-const WAY_POINTS: usize = 300;
+const TRUE_PATH_POINTS: usize = 300;
 
 /// Approximate limit of points of the reference path.
 const REFERENCE_POINTS: usize = 2_000;
@@ -89,14 +89,14 @@ impl Json {
         names.map(|name| Self::new(sink, topics, &name)).collect()
     }
 
-    fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
+    fn write(&self, buffer: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
         if !self.filed && !self.channel.has_sinks() {
             return;
         }
-        room.clear();
+        buffer.clear();
         // No entry's `Serialize` fails, and writing to memory does not fail.
-        if serde_json::to_writer(&mut *room, entry).is_ok() {
-            self.channel.log_with_meta(room, at(nanos));
+        if serde_json::to_writer(&mut *buffer, entry).is_ok() {
+            self.channel.log_with_meta(buffer, at(nanos));
         }
     }
 }
@@ -117,7 +117,7 @@ pub struct Mcap {
     transforms: Channel<FrameTransforms>,
     truth_robot: Channel<PoseInFrame>,
     estimate_robot: Channel<PoseInFrame>,
-    way: Channel<PosesInFrame>,
+    true_path: Channel<PosesInFrame>,
     goal: Channel<PoseInFrame>,
     reference: Channel<PosesInFrame>,
     scene: Channel<SceneUpdate>,
@@ -129,14 +129,14 @@ pub struct Mcap {
     start: Vec<Json>,
     ticks: Vec<Json>,
     off: Vec<Json>,
-    room: Vec<u8>,
+    buffer: Vec<u8>,
     /// Common time of the boards at the start of the run, µs.
     zero: i64,
     /// Latest heartbeat of each node.
     statuses: Vec<Option<Status>>,
     /// Latest estimate and its time of validity, ns.
     estimate: Option<(u64, Posture)>,
-    way_so_far: Vec<Pose>,
+    true_path_so_far: Vec<Pose>,
     epochs: u64,
     end: RunEnd,
     whole: bool,
@@ -174,7 +174,7 @@ impl Mcap {
             transforms: standard_channel(&sink, "/tf"),
             truth_robot: standard_channel(&sink, "/truth/robot"),
             estimate_robot: standard_channel(&sink, "/estimate/robot"),
-            way: standard_channel(&sink, "/truth/path"),
+            true_path: standard_channel(&sink, "/truth/path"),
             goal: standard_channel(&sink, "/goal"),
             reference: standard_channel(&sink, "/reference/path"),
             scene: standard_channel(&sink, "/scene"),
@@ -186,11 +186,11 @@ impl Mcap {
             start: Json::of_boards(&sink, &topics, robot, "start")?,
             ticks: Json::of_boards(&sink, &topics, robot, "tick")?,
             off: Json::of_boards(&sink, &topics, robot, "off")?,
-            room: Vec::with_capacity(1024),
+            buffer: Vec::with_capacity(1024),
             zero: 0,
             statuses: vec![None; robot.node_count()],
             estimate: None,
-            way_so_far: Vec::new(),
+            true_path_so_far: Vec::new(),
             epochs: 0,
             end: RunEnd {
                 kind: EndKind::Interrupted,
@@ -261,11 +261,11 @@ impl Mcap {
             Line::Zero(zero) => self.zero = *zero,
             Line::Axle(role, entry) => {
                 let time = at(entry.tick);
-                self.ticks[self.robot.place(*role)].write(&mut self.room, time, entry);
+                self.ticks[self.robot.place(*role)].write(&mut self.buffer, time, entry);
             }
             Line::Beam(role, entry) => {
                 let time = at(entry.tick);
-                self.ticks[self.robot.place(*role)].write(&mut self.room, time, entry);
+                self.ticks[self.robot.place(*role)].write(&mut self.buffer, time, entry);
             }
             Line::Lead(tick, output) => {
                 let epoch = crate::entry::epoch_of(*tick);
@@ -273,33 +273,33 @@ impl Mcap {
                 let epoch_s = f64::from(epoch) * 1e-3 - self.zero as f64 * 1e-6;
                 let mut entry = LeadEntry::new(*tick, epoch_s, output);
                 entry.bits = Hex::of(&**output);
-                self.lead.write(&mut self.room, time, &entry);
+                self.lead.write(&mut self.buffer, time, &entry);
                 self.estimate = Some((held, output.fused.robot.posture));
             }
             Line::Board(role, what) => self.boards[self.robot.place(*role)].clone_from(what),
             Line::Frames { role, tick, frames } => self.frames(*role, *tick, frames),
             Line::Command(entry) => {
                 let time = at(entry.tick);
-                self.order.write(&mut self.room, time, entry);
+                self.order.write(&mut self.buffer, time, entry);
             }
             Line::Start(role, started) => {
                 let (entry, report) = &**started;
                 let time = at(entry.tick);
-                self.start[self.robot.place(*role)].write(&mut self.room, time, entry);
+                self.start[self.robot.place(*role)].write(&mut self.buffer, time, entry);
                 self.started(*role, &entry.parameters_hash, report.as_ref());
             }
             Line::Off(role, entry) => {
                 let time = at(entry.tick);
-                self.off[self.robot.place(*role)].write(&mut self.room, time, entry);
+                self.off[self.robot.place(*role)].write(&mut self.buffer, time, entry);
                 let name = self.robot.name(*role);
                 let text = format!("{name} board off: {}", entry.reason);
-                self.say(entry.tick, Level::Error, name, text);
+                self.write_message(entry.tick, Level::Error, name, text);
             }
         }
     }
 
     /// Records target and build of a started board; the lead board's parameter hash goes into the metadata.
-    fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
+    fn started(&mut self, role: Role, parameters: &str, report: Option<&TargetReport>) {
         let board = &mut self.boards[self.robot.place(role)];
         if let (true, Some(report)) = (board.is_empty(), report) {
             *board = format!("{}, {}", report.target, report.build);
@@ -311,7 +311,7 @@ impl Mcap {
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
-        let said = frames.iter().map(|frame| LoggedFrame {
+        let logged = frames.iter().map(|frame| LoggedFrame {
             name: name_of(self.robot, frame.id).unwrap_or("unknown"),
             frame: Can(*frame),
             message: bus::decode(frame).ok(),
@@ -319,12 +319,15 @@ impl Mcap {
         let entry = BusEntry {
             tick,
             board: role,
-            frames: said.collect(),
+            frames: logged.collect(),
         };
         let time = self.nanos(tick);
-        self.bus.write(&mut self.room, time, &entry);
+        self.bus.write(&mut self.buffer, time, &entry);
         let robot = self.robot;
-        let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
+        let messages = entry
+            .frames
+            .iter()
+            .filter_map(|logged| logged.message.as_ref());
         for status in messages.filter_map(|message| Status::of(robot, tick, message)) {
             self.status(tick, status);
         }
@@ -346,10 +349,10 @@ impl Mcap {
             (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
             _ => Level::Info,
         };
-        self.say(tick, level, status.name, status.to_string());
+        self.write_message(tick, level, status.name, status.to_string());
     }
 
-    fn say(&self, tick: u32, level: Level, name: &str, message: String) {
+    fn write_message(&self, tick: u32, level: Level, name: &str, message: String) {
         let time = self.nanos(tick);
         let log = Log {
             timestamp: Some(standard::stamp(time)),
@@ -362,7 +365,7 @@ impl Mcap {
     }
 
     /// Writes the estimate and the true state at the end of an epoch.
-    pub fn see(&mut self, record: &Record) {
+    pub fn write_epoch(&mut self, record: &Record) {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
         self.serve(time);
@@ -384,29 +387,33 @@ impl Mcap {
         let transforms = standard::transforms(time, &frames);
         self.transforms.log_with_meta(&transforms, at(time));
         if known {
-            self.see_truth(record, time);
+            self.write_truth(record, time);
         }
         self.epochs += 1;
     }
 
     /// Writes the true state of a simulated robot.
-    fn see_truth(&mut self, record: &Record, time: u64) {
+    fn write_truth(&mut self, record: &Record, time: u64) {
         let robot = Pose::from(record.midpoint);
         let pose = standard::in_world(time, &robot);
         self.truth_robot.log_with_meta(&pose, at(time));
         self.truth
-            .write(&mut self.room, time, &TruthEntry::from(record));
+            .write(&mut self.buffer, time, &TruthEntry::from(record));
         if self.epochs.is_multiple_of(SCENE_EPOCHS) {
             let scene = standard::scene(time, record, &self.body);
             self.scene.log_with_meta(&scene, at(time));
         }
-        if self.epochs.is_multiple_of(WAY_EPOCHS[0]) {
-            self.way_so_far.push(robot);
+        if self.epochs.is_multiple_of(TRUE_PATH_EPOCHS[0]) {
+            self.true_path_so_far.push(robot);
         }
-        if self.epochs.is_multiple_of(WAY_EPOCHS[1]) {
-            let stride = self.way_so_far.len().div_ceil(WAY_POINTS).max(1);
-            let way = standard::path(time, self.way_so_far.iter().step_by(stride));
-            self.way.log_with_meta(&way, at(time));
+        if self.epochs.is_multiple_of(TRUE_PATH_EPOCHS[1]) {
+            let stride = self
+                .true_path_so_far
+                .len()
+                .div_ceil(TRUE_PATH_POINTS)
+                .max(1);
+            let true_path = standard::path(time, self.true_path_so_far.iter().step_by(stride));
+            self.true_path.log_with_meta(&true_path, at(time));
         }
     }
 

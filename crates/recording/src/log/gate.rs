@@ -103,13 +103,13 @@ fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::R
 
 /// Received bytes up to at least the end of the HTTP head.
 fn head(from: &mut TcpStream) -> io::Result<Vec<u8>> {
-    let (mut head, mut room) = (Vec::new(), [0; 2048]);
+    let (mut head, mut buffer) = (Vec::new(), [0; 2048]);
     while !head.windows(4).any(|end| end == b"\r\n\r\n") {
-        let count = from.read(&mut room)?;
+        let count = from.read(&mut buffer)?;
         if count == 0 || head.len() + count > LONGEST_HEAD {
             return Err(io::ErrorKind::InvalidData.into());
         }
-        head.extend_from_slice(&room[..count]);
+        head.extend_from_slice(&buffer[..count]);
     }
     Ok(head)
 }

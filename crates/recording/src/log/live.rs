@@ -13,10 +13,10 @@ use std::time::Duration;
 use std::{mem, thread};
 
 /// Polling interval while waiting for a viewer.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Longest time for viewers to take the queued messages at the end.
-const STOP: Duration = Duration::from_secs(2);
+const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Subscriptions since the last call, and true once a viewer has subscribed.
 #[derive(Default)]
@@ -84,7 +84,7 @@ impl Server {
                     "interrupted before a viewer came".to_owned(),
                 ));
             }
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
         }
         Ok(())
     }
@@ -100,7 +100,7 @@ impl Server {
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Sends the queued messages and ends, within [`STOP`] even if a viewer takes nothing.
+    /// Sends the queued messages and ends, within [`STOP_TIMEOUT`] even if a viewer takes nothing.
     pub fn stop(self) {
         let (ended, end) = mpsc::channel();
         let handle = self.handle;
@@ -110,6 +110,6 @@ impl Server {
             // After the timeout the receiver is gone.
             let _ = ended.send(());
         });
-        let _ = end.recv_timeout(STOP);
+        let _ = end.recv_timeout(STOP_TIMEOUT);
     }
 }

@@ -30,7 +30,7 @@ pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
 pub(crate) fn open(to: &Destinations, about: &About) -> Result<Option<Mcap>, Error> {
     let mut sink = to.log.as_deref().map(Sink::to_file).transpose()?;
     if let Some(address) = to.live {
-        sink.get_or_insert_with(Sink::nowhere)
+        sink.get_or_insert_with(Sink::without_file)
             .serve(address, &to.live_origin)?;
     }
     sink.map(|sink| Mcap::new(sink, about)).transpose()

@@ -3,8 +3,8 @@
 //! A truncated, damaged or foreign file is rejected as bad input, with the fault and its position. No file can make
 //! the reader panic or take much more memory than the file.
 //!
-//! [`stream`] keeps one record of the file and [`LATE`] of the front board's events in memory; [`read`] keeps all
-//! events.
+//! [`stream`] keeps one record of the file and [`MAX_OUTPUT_DELAY_MS`] of the front board's events in memory;
+//! [`read`] keeps all events.
 
 use super::intact;
 use crate::entry::{
@@ -12,7 +12,7 @@ use crate::entry::{
     Start, TruthEntry,
 };
 use core_algos::bus::CanFrame;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, beam, lead};
@@ -28,7 +28,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::{Cursor, Read, Seek};
 
 /// Longest delay of the lead node's output after the front board's tick in a log, ms.
-pub const LATE: u32 = 10_000;
+pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
 /// Event of a board.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,14 +40,14 @@ pub enum Event {
         /// Parameters.
         config: Box<RobotConfig>,
         /// Initial estimate of the lead node.
-        place: Option<Box<Place>>,
+        place: Option<Box<Placement>>,
     },
     /// The board was switched off or lost, or its record ended: tick (ms) and reason.
     Off(u32, String),
     /// The lead node received a command before this tick, ms.
     Command(u32, HostCommand),
     /// A tick of the board.
-    Tick(Box<Step>),
+    Tick(Box<RecordedTick>),
 }
 
 impl Event {
@@ -70,7 +70,7 @@ impl Event {
 
 /// One tick of a board.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct RecordedTick {
     /// Time, ms.
     pub tick: u32,
     /// Samples.
@@ -312,7 +312,7 @@ impl<'a> Reader<'a> {
                 let frames = entry.frames.into_iter();
                 let board = &mut self.boards[self.robot.place(entry.board)];
                 if board.on {
-                    let frames = frames.map(|said| (entry.tick, said.frame.0));
+                    let frames = frames.map(|logged| (entry.tick, logged.frame.0));
                     board.sent.extend(frames);
                 }
             }
@@ -322,7 +322,9 @@ impl<'a> Reader<'a> {
                     .value()
                     .ok_or("the bits of the lead node's output do not decode")?;
                 if self.released.is_some_and(|released| tick <= released) {
-                    return Err(format!("it comes more than {LATE} ms after its tick"));
+                    return Err(format!(
+                        "it comes more than {MAX_OUTPUT_DELAY_MS} ms after its tick"
+                    ));
                 }
                 if self.boards[self.robot.place(Role::LEAD)].on {
                     self.leads.insert(tick, output);
@@ -370,7 +372,7 @@ impl<'a> Reader<'a> {
             }
             ("tick", Role::Beam(_)) => {
                 let entry: BeamTick = parse(data)?;
-                Event::Tick(Box::new(Step {
+                Event::Tick(Box::new(RecordedTick {
                     tick: entry.tick,
                     samples: Samples::Beam(beam::Samples {
                         counts: entry.counts,
@@ -384,7 +386,7 @@ impl<'a> Reader<'a> {
             }
             ("tick", _) => {
                 let entry: AxleTick = parse(data)?;
-                Event::Tick(Box::new(Step {
+                Event::Tick(Box::new(RecordedTick {
                     tick: entry.tick,
                     samples: Samples::Axle(axle::Samples {
                         encoder: entry.encoder.into(),
@@ -416,7 +418,7 @@ impl<'a> Reader<'a> {
         board.ticks += usize::from(matches!(event, Event::Tick(_)));
         if role == Role::LEAD {
             self.front.push_back(event);
-            self.release(Some(tick.saturating_sub(LATE)));
+            self.release(Some(tick.saturating_sub(MAX_OUTPUT_DELAY_MS)));
         } else {
             (self.to)(role, event);
         }
@@ -460,7 +462,7 @@ mod tests {
         let mut ticks = Vec::new();
         let mut keep = |_, event: Event| ticks.push(event.tick());
         let mut reader = Reader::new(ROBOT, &mut keep);
-        for tick in [0, 10, LATE + 5] {
+        for tick in [0, 10, MAX_OUTPUT_DELAY_MS + 5] {
             let event = Event::Command(tick, HostCommand::Lost);
             reader.push(Role::LEAD, event).unwrap();
         }
@@ -473,6 +475,6 @@ mod tests {
         let refused = lead(0).unwrap_err();
         assert_eq!(refused, "it comes more than 10000 ms after its tick");
         reader.finish();
-        assert_eq!(ticks, [0, 10, LATE + 5]);
+        assert_eq!(ticks, [0, 10, MAX_OUTPUT_DELAY_MS + 5]);
     }
 }

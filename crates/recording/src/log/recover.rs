@@ -29,7 +29,7 @@ pub fn recover(bytes: &[u8], to: impl Write + Seek) -> Result<Recovered, String>
     }
     let options = WriteOptions::new().compression(None).profile("cfmmr");
     let writer = options.create(to).map_err(in_words)?;
-    let mut copy = Copy {
+    let mut copy = LogCopy {
         writer,
         found: Recovered::default(),
         metadata: BTreeMap::new(),
@@ -50,13 +50,13 @@ fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
 }
 
 /// Copy being written.
-struct Copy<W: Write + Seek> {
+struct LogCopy<W: Write + Seek> {
     writer: Writer<W>,
     found: Recovered,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-impl<W: Write + Seek> Copy<W> {
+impl<W: Write + Seek> LogCopy<W> {
     /// Copies the records of a file.
     fn file(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut records = Records {
@@ -68,7 +68,7 @@ impl<W: Write + Seek> Copy<W> {
             match records.next() {
                 Some(Ok((op::DATA_END, ..))) => {
                     if !bytes.ends_with(MAGIC) {
-                        self.lacks("the index at the end of the file".to_owned());
+                        self.note_missing("the index at the end of the file".to_owned());
                     }
                     return Ok(());
                 }
@@ -78,22 +78,22 @@ impl<W: Write + Seek> Copy<W> {
                     // An unfinished chunk: its head has neither length nor checksum.
                     let inner = bytes.get(at + 9 + CHUNK_HEAD..).unwrap_or_default();
                     self.records(inner)?;
-                    self.lacks(format!("the chunk at byte {at} is cut off"));
+                    self.note_missing(format!("the chunk at byte {at} is cut off"));
                     return Ok(());
                 }
                 Some(Err(_)) => {
-                    self.lacks(format!("the record at byte {at} is cut off"));
+                    self.note_missing(format!("the record at byte {at} is cut off"));
                     return Ok(());
                 }
                 None => {
-                    self.lacks("the end of the file".to_owned());
+                    self.note_missing("the end of the file".to_owned());
                     return Ok(());
                 }
             }
         }
     }
 
-    fn lacks(&mut self, what: String) {
+    fn note_missing(&mut self, what: String) {
         self.found.missing.push(what);
     }
 
@@ -102,7 +102,7 @@ impl<W: Write + Seek> Copy<W> {
         let plain = content.get(28..32) == Some(&[0; 4]);
         let inner = content.get(CHUNK_HEAD..).filter(|_| plain);
         let Some(inner) = inner.filter(|inner| checksum_of(content, 24, inner)) else {
-            self.lacks(format!(
+            self.note_missing(format!(
                 "the chunk at byte {at}, which is damaged or compressed"
             ));
             return Ok(());
@@ -121,7 +121,7 @@ impl<W: Write + Seek> Copy<W> {
     /// Copies a record; a record that does not decode is left out.
     fn record(&mut self, operation: u8, content: &[u8]) -> Result<(), String> {
         let Ok(record) = mcap::read::parse_record(operation, content) else {
-            self.lacks("a record that does not decode".to_owned());
+            self.note_missing("a record that does not decode".to_owned());
             return Ok(());
         };
         let added = match record {
@@ -146,7 +146,7 @@ impl<W: Write + Seek> Copy<W> {
         };
         // The schema may be in a lost chunk.
         if let Err(error) = added {
-            self.lacks(format!("a channel: {error}"));
+            self.note_missing(format!("a channel: {error}"));
         }
         Ok(())
     }
@@ -160,7 +160,7 @@ impl<W: Write + Seek> Copy<W> {
             }
             // The channel was in a lost chunk.
             Err(McapError::UnknownChannel(..)) => {
-                self.lacks(format!(
+                self.note_missing(format!(
                     "a message at {:.3} s of a channel that is lost",
                     header.log_time as f64 * 1e-9
                 ));
@@ -173,7 +173,7 @@ impl<W: Write + Seek> Copy<W> {
     fn finish(mut self) -> Result<Recovered, String> {
         for name in [ABOUT, END] {
             if !self.metadata.contains_key(name) {
-                self.lacks(format!("the metadata record {name}"));
+                self.note_missing(format!("the metadata record {name}"));
             }
         }
         if !self.metadata.contains_key(END) {

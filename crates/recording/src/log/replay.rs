@@ -2,11 +2,11 @@
 //!
 //! [`Comparison`] runs each board alone on its recorded inputs and finds the first difference.
 //!
-//! [`estimate_again`] runs the boards with other parameters. The boards then send other frames, so each recorded
+//! [`replay_estimates`] runs the boards with other parameters. The boards then send other frames, so each recorded
 //! frame is replaced by the replayed frame of its sender and tick. A lost frame stays lost, and a frame that was
 //! never sent does not arrive. The motion is the recorded motion: the robot does not drive by the new estimates.
 
-use super::read::{Event, Events, Run, Step};
+use super::read::{Event, Events, RecordedTick, Run};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
 use core_algos::bus::{self, CanFrame};
 use core_algos::fusion::ekf::Verdict;
@@ -19,7 +19,7 @@ use host_sim::base::error::Error;
 use host_sim::base::statistics::nees;
 use host_sim::base::statistics::square;
 use host_sim::run::bit_compare::{lead_difference, show_frame};
-use host_sim::targets::{Fault, InProcess, Posted, Target};
+use host_sim::targets::{Fault, InProcess, Outgoing, Target};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
@@ -108,7 +108,7 @@ impl ReplayedBoard {
             }
             Event::Off(..) => {
                 self.on = false;
-                self.target.kill()?;
+                self.target.switch_off()?;
                 return Ok(());
             }
             Event::Command(tick, command) => (*tick, self.target.command(command)),
@@ -118,8 +118,8 @@ impl ReplayedBoard {
     }
 
     /// Replays a tick, with these frames arriving before it.
-    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<TickResult, Error> {
-        let failed = |again: &Self, fault| again.failed(step.tick, fault);
+    fn step(&mut self, step: &RecordedTick, received: &[CanFrame]) -> Result<TickResult, Error> {
+        let failed = |replayed_board: &Self, fault| replayed_board.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
         for frame in received {
             // The board ignored frames that do not decode.
@@ -130,8 +130,8 @@ impl ReplayedBoard {
         let begun = self.target.begin(step.tick, &step.samples);
         begun.map_err(|fault| failed(self, fault))?;
         let mut sent = Vec::new();
-        let output = self.target.finish(&mut |posted| {
-            if let Posted::Message(message) = posted
+        let output = self.target.finish(&mut |outgoing| {
+            if let Outgoing::Message(message) = outgoing
                 && let Ok(frame) = bus::encode(message)
             {
                 sent.push(frame);
@@ -146,7 +146,7 @@ impl ReplayedBoard {
     }
 
     /// First difference from the recorded tick.
-    fn divergence(&self, step: &Step, done: &TickResult) -> Option<Divergence> {
+    fn divergence(&self, step: &RecordedTick, done: &TickResult) -> Option<Divergence> {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {
                 tick: step.tick,
@@ -187,25 +187,25 @@ impl ReplayedBoard {
 
 /// Board compared with its record: replay, and time (ms) of the first fault or difference.
 struct ComparedBoard {
-    again: ReplayedBoard,
+    replayed_board: ReplayedBoard,
     found: Option<(u32, Result<Divergence, Error>)>,
 }
 
 impl ComparedBoard {
     fn take(&mut self, event: &Event) -> Result<Option<Divergence>, Error> {
-        let again = &mut self.again;
-        again.event(event, &|config| *config)?;
+        let replayed_board = &mut self.replayed_board;
+        replayed_board.event(event, &|config| *config)?;
         let Event::Tick(step) = event else {
             return Ok(None);
         };
-        if !again.on {
+        if !replayed_board.on {
             return Err(Error::input(format!(
                 "tick {}: the {} board has no start",
-                step.tick, again.name
+                step.tick, replayed_board.name
             )));
         }
-        let done = again.step(step, &step.received)?;
-        Ok(again.divergence(step, &done))
+        let done = replayed_board.step(step, &step.received)?;
+        Ok(replayed_board.divergence(step, &done))
     }
 }
 
@@ -219,7 +219,7 @@ impl Comparison {
     /// Comparison without events.
     pub fn new(robot: Topology) -> Self {
         let board = |role| ComparedBoard {
-            again: ReplayedBoard::new(robot, role),
+            replayed_board: ReplayedBoard::new(robot, role),
             found: None,
         };
         Self {
@@ -282,7 +282,7 @@ impl RecordedEstimates {
 }
 
 /// Estimates of the lead node with other parameters.
-pub fn estimate_again(
+pub fn replay_estimates(
     robot: Topology,
     boards: &Events,
     change: &dyn Fn(&RobotConfig) -> RobotConfig,
@@ -305,13 +305,13 @@ pub fn estimate_again(
     {
         // A frame sent at a tick arrives at a later tick.
         let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
-        for (again, rest) in replayed.iter_mut().zip(&mut rest) {
+        for (replayed_board, rest) in replayed.iter_mut().zip(&mut rest) {
             while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
-                let heard = again.event(event, change);
+                let result = replayed_board.event(event, change);
                 // With other estimates the robot is at another point of its path, so further path points may find no
                 // room. That affects steering, not estimation.
                 if !matches!(event, Event::Command(..)) {
-                    heard?;
+                    result?;
                 }
                 let Event::Tick(step) = event else {
                     continue;
@@ -324,12 +324,12 @@ pub fn estimate_again(
                         None => Some(*frame),
                     })
                     .collect();
-                let done = again.step(step, &received)?;
+                let done = replayed_board.step(step, &received)?;
                 sent.extend(step.sent.iter().map(|frame| (key(frame), tick)));
                 let replayed = done.sent.into_iter();
                 sent_now.extend(replayed.map(|frame| ((frame.id, tick), frame)));
                 if step.lead.is_some()
-                    && let Some(lead) = again.lead
+                    && let Some(lead) = replayed_board.lead
                 {
                     estimates.insert(epoch_of(tick), lead.fused);
                 }
@@ -438,10 +438,10 @@ struct Errors {
 
 impl Errors {
     fn add(&mut self, fused: &robot::Output, (robot, apart): (Pose, Pose)) {
-        let seen = Pose::from(fused.robot.posture);
-        let distance = libm::hypot(seen.x_m - robot.x_m, seen.y_m - robot.y_m);
+        let estimated = Pose::from(fused.robot.posture);
+        let distance = libm::hypot(estimated.x_m - robot.x_m, estimated.y_m - robot.y_m);
         let turn = std::f64::consts::TAU;
-        let heading = seen.phi_rad - robot.phi_rad;
+        let heading = estimated.phi_rad - robot.phi_rad;
         let heading = heading - turn * (heading / turn).round();
         let relative = Pose::from(fused.front.posture.relative_to(fused.rear.posture));
         let apart = [relative.x_m - apart.x_m, relative.y_m - apart.y_m];
@@ -541,7 +541,7 @@ pub(super) mod tests {
         comparison.first()
     }
 
-    fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut Step {
+    fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut RecordedTick {
         let events = recording.boards[read::ROBOT.place(role)].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),
@@ -618,7 +618,7 @@ pub(super) mod tests {
         }
         let estimates = recorded.estimates;
         assert_eq!(estimates.len(), 1100);
-        let same = estimate_again(read::ROBOT, &recording.boards, &|config| *config).unwrap();
+        let same = replay_estimates(read::ROBOT, &recording.boards, &|config| *config).unwrap();
         assert!(
             same == estimates,
             "frames were lost alike, and none came otherwise"
@@ -630,14 +630,14 @@ pub(super) mod tests {
             config.geometry.wheel_radius_m *= 1.01;
             config
         };
-        let wrong = estimate_again(read::ROBOT, &recording.boards, &larger).unwrap();
-        let way = |estimates: &Estimates| {
+        let wrong = replay_estimates(read::ROBOT, &recording.boards, &larger).unwrap();
+        let path_length = |estimates: &Estimates| {
             let at = |time| estimates[&time].robot.posture;
             let (start, end) = (at(200), at(7990));
             f64::from(end.x - start.x).hypot(f64::from(end.y - start.y))
         };
-        assert!(way(&estimates) > 1.0, "{}", way(&estimates));
-        let ratio = way(&wrong) / way(&estimates);
+        assert!(path_length(&estimates) > 1.0, "{}", path_length(&estimates));
+        let ratio = path_length(&wrong) / path_length(&estimates);
         // The beam corrects a part of the error.
         assert!((1.003..1.012).contains(&ratio), "{ratio}");
         let good = Quality::of(&estimates, &recording.run);

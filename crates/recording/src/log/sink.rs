@@ -19,13 +19,13 @@ use tempfile::{NamedTempFile, TempPath};
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
 /// File of a log that keeps its first error.
-struct Watched {
+struct LogFile {
     file: BufWriter<File>,
     error: FirstError,
 }
 
-impl Watched {
-    fn note<T>(&self, result: io::Result<T>) -> io::Result<T> {
+impl LogFile {
+    fn keep_error<T>(&self, result: io::Result<T>) -> io::Result<T> {
         result.map_err(|error| {
             let kind = error.kind();
             let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
@@ -35,22 +35,22 @@ impl Watched {
     }
 }
 
-impl Write for Watched {
+impl Write for LogFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write(bytes);
-        self.note(written)
+        self.keep_error(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
         let flushed = self.file.flush();
-        self.note(flushed)
+        self.keep_error(flushed)
     }
 }
 
-impl Seek for Watched {
+impl Seek for LogFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let place = self.file.seek(to);
-        self.note(place)
+        let position = self.file.seek(to);
+        self.keep_error(position)
     }
 }
 
@@ -76,7 +76,7 @@ fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
 /// Open log.
 pub struct Sink {
     context: Arc<Context>,
-    handle: Option<McapWriterHandle<Watched>>,
+    handle: Option<McapWriterHandle<LogFile>>,
     server: Option<Server>,
     error: FirstError,
     /// Path before the file is complete, and final path.
@@ -94,7 +94,7 @@ impl Sink {
     }
 
     /// A log without a file, for live viewers.
-    pub fn nowhere() -> Self {
+    pub fn without_file() -> Self {
         Self {
             context: Context::new(),
             handle: None,
@@ -123,14 +123,14 @@ impl Sink {
     }
 
     fn open(file: BufWriter<File>) -> io::Result<Self> {
-        let mut sink = Self::nowhere();
-        let watched = Watched {
+        let mut sink = Self::without_file();
+        let log_file = LogFile {
             file,
             error: sink.error.clone(),
         };
         let handle = McapWriter::with_options(foxglove::McapWriteOptions::new().profile("cfmmr"))
             .context(&sink.context)
-            .create(watched)
+            .create(log_file)
             .map_err(io::Error::other)?;
         sink.handle = Some(handle);
         Ok(sink)
@@ -165,7 +165,7 @@ impl Sink {
             return Ok(());
         };
         let closed = handle.close().map_err(io::Error::other);
-        let mut result = closed.map(|mut watched| drop(watched.flush()));
+        let mut result = closed.map(|mut log_file| drop(log_file.flush()));
         let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(error) = first.take() {
             result = Err(error);

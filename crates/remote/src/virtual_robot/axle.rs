@@ -125,7 +125,7 @@ pub struct AxleBoard {
     /// Strap closed to ground; true once the level was passed to the chip.
     strap: (bool, bool),
     /// Times of scheduled events at the drivers.
-    looks: Vec<Time>,
+    driver_events: Vec<Time>,
     /// Latest levels of the fault pins passed to the chip.
     faults: [Drive; 2],
     /// True until the first levels were passed to the chip.
@@ -201,7 +201,7 @@ impl AxleBoard {
             serial: SerialLine::default(),
             led: Vec::new(),
             strap: (parts.rear, false),
-            looks: Vec::new(),
+            driver_events: Vec::new(),
             faults: [Drive::Open; 2],
             fresh: true,
         }
@@ -252,7 +252,7 @@ impl AxleBoard {
     /// Makes a driver report a fault and switch off, from `from` to `to`.
     pub fn force_fault(&mut self, side: usize, from: Time, to: Time) {
         self.drivers[side].force_fault(from, to);
-        self.looks.extend([from, to]);
+        self.driver_events.extend([from, to]);
     }
 
     /// Currents of the motors, A; zero while a motor is braked by a short circuit.
@@ -353,9 +353,14 @@ impl Circuit for AxleBoard {
         }
         let [left, right] = &self.encoders;
         let switches = self.stop.next().min(self.button.next());
-        let looks = self.looks.iter().copied().min().unwrap_or(Time::NEVER);
+        let driver_events = self
+            .driver_events
+            .iter()
+            .copied()
+            .min()
+            .unwrap_or(Time::NEVER);
         let other = switches
-            .min(looks)
+            .min(driver_events)
             .min(self.power.next())
             .min(self.serial.next());
         left.next().min(right.next()).min(other)
@@ -385,8 +390,8 @@ impl Circuit for AxleBoard {
                 .push((BUTTON, if closed { Drive::High } else { Drive::Open }));
         }
         self.power.advance(at, inputs);
-        if self.looks.iter().any(|look| *look <= at) {
-            self.looks.retain(|look| *look > at);
+        if self.driver_events.iter().any(|event| *event <= at) {
+            self.driver_events.retain(|event| *event > at);
             self.drivers
                 .iter_mut()
                 .for_each(|driver| driver.advance(at));

@@ -8,7 +8,7 @@ use core_algos::time::{EPOCH, Micros, TICK};
 pub struct Clock {
     epoch: Option<Epoch>,
     /// Time of validity of the lead node's latest estimates, µs.
-    held: Option<Micros>,
+    estimate_time: Option<Micros>,
 }
 
 /// The latest epoch.
@@ -16,45 +16,47 @@ pub struct Clock {
 struct Epoch {
     number: u32,
     /// Start of the epoch, µs.
-    began: Micros,
+    began_at: Micros,
     /// Arrival of its message, µs.
-    heard: Micros,
+    received_at: Micros,
 }
 
 impl Clock {
     /// Time of validity of the lead node's latest estimates, µs: the start of their epoch.
-    pub fn held(&self) -> Option<Micros> {
-        self.held
+    pub fn estimate_time(&self) -> Option<Micros> {
+        self.estimate_time
     }
 
     /// Common time at `at`, µs.
     pub fn common(&self, at: Micros) -> i64 {
         self.epoch.map_or(0, |epoch| {
-            i64::from(epoch.number) * EPOCH as i64 + at as i64 - epoch.began as i64
+            i64::from(epoch.number) * EPOCH as i64 + at as i64 - epoch.began_at as i64
         })
     }
 
     /// Handles a message whose frame ended at `at`, µs.
-    pub fn hear(&mut self, at: Micros, message: &Message) {
+    pub fn receive(&mut self, at: Micros, message: &Message) {
         match *message {
             Message::TimeSync {
                 epoch,
                 last_delay_us,
             } => {
-                let began = match (self.epoch, last_delay_us) {
+                let began_at = match (self.epoch, last_delay_us) {
                     (Some(last), Some(delay)) if last.number + 1 == epoch => {
-                        last.heard + EPOCH - Micros::from(delay)
+                        last.received_at + EPOCH - Micros::from(delay)
                     }
                     // Until the first delay is known, assume that the message leaves within a quarter of a tick.
                     _ => at.saturating_sub(TICK / 4),
                 };
                 self.epoch = Some(Epoch {
                     number: epoch,
-                    began,
-                    heard: at,
+                    began_at,
+                    received_at: at,
                 });
             }
-            Message::LeadStatus { .. } => self.held = self.epoch.map(|epoch| epoch.began),
+            Message::LeadStatus { .. } => {
+                self.estimate_time = self.epoch.map(|epoch| epoch.began_at)
+            }
             _ => {}
         }
     }

@@ -30,7 +30,7 @@ use beam::{BeamBoard, BridgeParts};
 use clock::Clock;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
@@ -47,7 +47,7 @@ use host_sim::world::random::{Stream, generator};
 use host_sim::world::sensors::Sensors;
 use plant::{Outline, Plant, Station};
 use rand::RngExt;
-use report::Watch;
+use report::BoardObservations;
 use tools::Tools;
 use virtual_board::Time;
 use virtual_board::board::Board;
@@ -60,18 +60,18 @@ const TICK: Time = Time::from_micros(1_000);
 /// Time that the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
 /// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
-const BOOT: Time = Time::from_micros(5_000_000);
+const BOOT_TIMEOUT: Time = Time::from_micros(5_000_000);
 const READY_TICKS: u32 = 100;
 /// Duration of a press of the button.
-const PRESS: Time = Time::from_micros(150_000);
+const PRESS_DURATION: Time = Time::from_micros(150_000);
 /// Largest frequency error of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
 /// Ticks that a run continues after the lead node's fault, to show its effects.
-const GRACE: u64 = 1000;
+const TICKS_AFTER_FAULT: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
-const GRAVITY: f64 = 9.806_65;
+const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// Robot of virtual boards.
 #[derive(Clone)]
@@ -81,12 +81,12 @@ pub struct VirtualRobot {
     roles: Vec<Role>,
     images: Images,
     readers: Vec<Reader>,
-    watches: Vec<Watch>,
+    observations: Vec<BoardObservations>,
     plant: Plant,
     /// Posture of the midpoint at the start.
     start: [f64; 3],
     /// Angles of the motors at the latest placement on the start, rad.
-    turned: Vec<[f64; 2]>,
+    start_angles: Vec<[f64; 2]>,
     gauges: Vec<Vec<Station>>,
     outlines: Vec<Outline>,
     half_thickness: f64,
@@ -99,18 +99,18 @@ pub struct VirtualRobot {
     biases: Vec<[f64; 2]>,
     /// Links to the front board and to the other recorded boards.
     link: BoardLink,
-    others: Vec<BoardLink>,
+    other_links: Vec<BoardLink>,
     recorded: bool,
     reported: Vec<bus::CanFrame>,
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
-    /// Place of the robot that the lead node is configured with.
-    place: Place,
+    /// Placement of the robot that the lead node is configured with.
+    place: Placement,
     /// Latest output of the lead node received over the link.
     lead: lead::Output,
     /// Time of validity of the estimates in `lead`, µs since power-on.
-    held: Option<Micros>,
+    estimate_time: Option<Micros>,
     task: Task,
     frames: u64,
     /// Time from power-on to the start of the experiment.
@@ -168,9 +168,9 @@ fn boards(
         board.chip().set_variation(variation);
         board.flash(images.of(role));
         board.core_mut().set_profiling(options.profile);
-        let kept = store::sectors(scenario, role, parts)?;
+        let stored = store::sectors(scenario, role, parts)?;
         let flash = board.chip().flash();
-        flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+        flash[store::FIRST..store::FIRST + stored.len()].copy_from_slice(&stored);
         boards.push(board);
     }
     Ok(boards)
@@ -218,10 +218,12 @@ impl VirtualRobot {
         let roles: Vec<Role> = topology.boards().filter(fitted).collect();
         let parts = (drawn, bridges);
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
-        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
+        let mut wire = Wire::new(boards.len() + options.extra_nodes, QUANTUM, seed);
         wire.record();
         let at = posture(scenario.mission.start);
-        let place = scenario.robot.put_down(at, &scenario.mission.told());
+        let place = scenario
+            .robot
+            .placement(at, &scenario.mission.configured_placement());
         Ok(Self {
             topology,
             network: Network::new(boards, wire, QUANTUM, options.threads),
@@ -229,7 +231,7 @@ impl VirtualRobot {
                 .iter()
                 .map(|&role| Reader::new(images.of(role), &logs[topology.place(role)]))
                 .collect(),
-            watches: roles.iter().map(|_| Watch::default()).collect(),
+            observations: roles.iter().map(|_| BoardObservations::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: vec![[0.0; MAX_GAUGES]; topology.frame_count()],
             outlines: outlines(&plant),
@@ -237,21 +239,21 @@ impl VirtualRobot {
             inertial: scenario.world.sensors.gyro.fitted,
             biases: vec![[0.0; 2]; topology.axle_count()],
             link: BoardLink::new(topology, Role::LEAD, 0),
-            others: Vec::new(),
+            other_links: Vec::new(),
             recorded: false,
             reported: Vec::new(),
             hosted: false,
             clock: Clock::default(),
             place,
             lead: lead::Output::default(),
-            held: None,
+            estimate_time: None,
             task: Task::Idle,
             images: images.clone(),
             roles,
             gauges,
             plant,
             start,
-            turned: topology.axles().map(|_| [0.0; 2]).collect(),
+            start_angles: topology.axles().map(|_| [0.0; 2]).collect(),
             frames: 0,
             booted: Time(0),
             tick: 0,
@@ -286,7 +288,7 @@ impl VirtualRobot {
                 role,
                 self.images.of(role),
                 board,
-                &self.watches[place],
+                &self.observations[place],
                 &can,
             ));
         }
@@ -343,11 +345,11 @@ impl VirtualRobot {
             } else {
                 0
             };
-            if now >= BOOT {
+            if now >= BOOT_TIMEOUT {
                 let why = self.waits_for().unwrap_or_default();
                 return Err(Error::Failure(format!(
                     "the boards were not ready {} s after power on: {why}",
-                    BOOT.seconds()
+                    BOOT_TIMEOUT.seconds()
                 )));
             }
         }
@@ -356,10 +358,10 @@ impl VirtualRobot {
             self.open_links(options.record)?;
         }
         self.booted = self.network.now();
-        for (place, watch) in self.watches.iter_mut().enumerate() {
+        for (place, observed) in self.observations.iter_mut().enumerate() {
             let lost = self.network.wire().statistics(place).given_up;
             if let Some(board) = self.network.board(place) {
-                watch.booted(board, lost);
+                observed.booted(board, lost);
             }
         }
         Ok(())
@@ -394,7 +396,7 @@ impl VirtualRobot {
     /// Advances boards, bus and plant by one millisecond.
     fn advance(&mut self) {
         let from = self.network.now();
-        self.show_motion(from);
+        self.update_sensors(from);
         self.network.run_until(from + TICK);
         self.follow();
     }
@@ -414,14 +416,14 @@ impl VirtualRobot {
             torque[axle][side] = -BLOCKED_NM_S * speed;
         }
         self.plant.step(&torque);
-        self.hear();
+        self.read_bus();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
     }
 
     /// Passes the plant's motion and strains to the boards' sensors.
-    fn show_motion(&mut self, at: Time) {
+    fn update_sensors(&mut self, at: Time) {
         let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
             self.biases.clear();
@@ -429,9 +431,9 @@ impl VirtualRobot {
         }
         for (number, axle) in self.topology.axles().zip(&axles) {
             let [rate, force] = self.biases[number.index()];
-            let turned = self.turned[number.index()];
+            let start_angles = self.start_angles[number.index()];
             let wheel = |k: usize| WheelMotion {
-                angle_rad: turned[k] + axle.motor_angle[k],
+                angle_rad: start_angles[k] + axle.motor_angle[k],
                 speed_rad_s: axle.motor_speed[k],
             };
             let motion = AxleMotion {
@@ -439,7 +441,11 @@ impl VirtualRobot {
                 inertial: Motion {
                     rate: [0.0, 0.0, axle.velocity[2] + rate],
                     rate_slope: [0.0, 0.0, axle.acceleration[2]],
-                    force: [axle.acceleration[0] + force, axle.acceleration[1], GRAVITY],
+                    force: [
+                        axle.acceleration[0] + force,
+                        axle.acceleration[1],
+                        GRAVITY_M_S2,
+                    ],
                     force_slope: [0.0; 3],
                 },
             };
@@ -466,13 +472,13 @@ impl VirtualRobot {
     }
 
     /// Records health and identity messages of a board.
-    fn watch(&mut self, message: &Message) {
+    fn observe_board(&mut self, message: &Message) {
         let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
         else {
             return;
         };
         let place = self.place(board);
-        let Some(watch) = place.and_then(|place| self.watches.get_mut(place)) else {
+        let Some(observed) = place.and_then(|place| self.observations.get_mut(place)) else {
             return;
         };
         match *message {
@@ -482,18 +488,18 @@ impl VirtualRobot {
                 tick_jitter_us,
                 ..
             } => {
-                watch.health(missed_ticks, tick_worst_us, tick_jitter_us);
+                observed.health(missed_ticks, tick_worst_us, tick_jitter_us);
             }
-            Message::BoardIdentity { build, schema, .. } => watch.identify(build, schema),
+            Message::BoardIdentity { build, schema, .. } => observed.identify(build, schema),
             _ => {}
         }
     }
 
     /// Reads the bus frames of the latest step.
-    fn hear(&mut self) {
+    fn read_bus(&mut self) {
         for record in self.network.wire().take_records() {
             let sender = self.roles.get(record.node).copied();
-            if !self.tools.heard(sender, &record) {
+            if !self.tools.count_transmission(sender, &record) {
                 continue;
             }
             self.frames += 1;
@@ -509,12 +515,12 @@ impl VirtualRobot {
                 data,
             };
             let at = record.end - self.booted;
-            self.monitor.see((at.micros() / 1000) as u32, &frame);
+            self.monitor.receive((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
-            self.clock.hear(record.end.micros(), &message);
-            self.watch(&message);
+            self.clock.receive(record.end.micros(), &message);
+            self.observe_board(&message);
         }
     }
 }
@@ -550,7 +556,7 @@ impl Robot for VirtualRobot {
             return self.failure.clone();
         }
         let fault = self.monitor.fault_since(Node::Lead)?;
-        let lasts = self.tick.saturating_sub(fault) >= GRACE;
+        let lasts = self.tick.saturating_sub(fault) >= TICKS_AFTER_FAULT;
         (lasts && !self.restart_pending())
             .then(|| self.monitor.why_stopped())
             .flatten()
@@ -558,9 +564,9 @@ impl Robot for VirtualRobot {
 
     fn step(&mut self) -> Result<(), Error> {
         self.begin_tick();
-        self.ask()?;
+        self.send_due_bytes()?;
         self.advance();
-        self.answer()?;
+        self.read_sent_bytes()?;
         self.tick += 1;
         self.end_tick()
     }
@@ -592,7 +598,8 @@ impl Robot for VirtualRobot {
 
     fn estimate_age(&self) -> Micros {
         let now = self.network.now().micros();
-        self.held.map_or(EPOCH, |held| now.saturating_sub(held))
+        self.estimate_time
+            .map_or(EPOCH, |estimate_time| now.saturating_sub(estimate_time))
     }
 
     fn builds(&self) -> Vec<(Role, String)> {
@@ -601,7 +608,7 @@ impl Robot for VirtualRobot {
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {
-        self.heard_of_boards()
+        self.board_traffic()
     }
 
     fn bus(&self) -> BusStatistics {

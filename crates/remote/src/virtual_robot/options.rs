@@ -20,7 +20,7 @@ pub struct Options {
     /// Changes a chip after the random draw.
     pub vary: fn(Role, &mut ChipVariation),
     /// Number of bus nodes that are no boards.
-    pub others: usize,
+    pub extra_nodes: usize,
     /// True if this program is the host at the front board's serial port.
     pub host: bool,
     /// True if all boards are recorded, each at its serial port.
@@ -56,7 +56,7 @@ impl Default for Options {
             profile: false,
             fast_ppb: Vec::new(),
             vary: |_, _| {},
-            others: 0,
+            extra_nodes: 0,
             host: true,
             record: false,
         }

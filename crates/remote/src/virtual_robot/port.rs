@@ -2,7 +2,7 @@
 
 use super::axle::AxleBoard;
 use super::beam::BeamBoard;
-use super::{BOOT, VirtualRobot};
+use super::{BOOT_TIMEOUT, VirtualRobot};
 use crate::board_link::BoardLink;
 use crate::serial_line::SerialLine;
 use core_algos::bus::CanFrame;
@@ -17,7 +17,7 @@ impl VirtualRobot {
         self.recorded = record;
         if record {
             let others = self.roles.iter().filter(|role| **role != Role::LEAD);
-            self.others = others
+            self.other_links = others
                 .map(|role| BoardLink::new(self.topology, *role, 0))
                 .collect();
         }
@@ -36,23 +36,23 @@ impl VirtualRobot {
 
     /// Advances the boards by one millisecond before the experiment.
     fn exchange(&mut self) -> Result<(), Error> {
-        self.ask()?;
+        self.send_due_bytes()?;
         self.advance();
-        self.answer()?;
-        match self.network.now() >= BOOT {
+        self.read_sent_bytes()?;
+        match self.network.now() >= BOOT_TIMEOUT {
             true => Err(Error::Failure("the boards do not record".to_owned())),
             false => Ok(()),
         }
     }
 
     fn has_begun(&self, role: Role) -> bool {
-        let mut links = std::iter::once(&self.link).chain(&self.others);
+        let mut links = std::iter::once(&self.link).chain(&self.other_links);
         links.any(|link| link.role() == role && link.has_begun())
     }
 
     /// Opens the link to a board that has just started.
     pub(super) fn open_link(&mut self, role: Role) {
-        let links = std::iter::once(&mut self.link).chain(&mut self.others);
+        let links = std::iter::once(&mut self.link).chain(&mut self.other_links);
         for link in links.filter(|link| link.role() == role) {
             link.open();
             if self.recorded {
@@ -60,14 +60,14 @@ impl VirtualRobot {
             }
         }
         if role == Role::LEAD {
-            self.link.command(&HostCommand::Place(self.place));
+            self.link.command(&HostCommand::SetPose(self.place));
         }
     }
 
     /// Sends due bytes to the serial ports.
-    pub(super) fn ask(&mut self) -> Result<(), Error> {
+    pub(super) fn send_due_bytes(&mut self) -> Result<(), Error> {
         let now = self.network.now();
-        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+        for link in std::iter::once(&mut self.link).chain(&mut self.other_links) {
             let role = link.role();
             if self.tools.is_off(role) {
                 continue;
@@ -107,11 +107,11 @@ impl VirtualRobot {
     }
 
     /// Reads the bytes that the boards sent at their serial ports.
-    pub(super) fn answer(&mut self) -> Result<(), Error> {
+    pub(super) fn read_sent_bytes(&mut self) -> Result<(), Error> {
         if !self.hosted {
             return Ok(());
         }
-        for link in &mut self.others {
+        for link in &mut self.other_links {
             if let Some(port) = port(&mut self.network, &self.roles, link.role()) {
                 link.take(&std::mem::take(&mut port.sent))?;
                 link.take_frames();
@@ -123,7 +123,7 @@ impl VirtualRobot {
             && let Some(latest) = self.link.latest()
         {
             self.lead = latest.output;
-            self.held = self.clock.held();
+            self.estimate_time = self.clock.estimate_time();
         }
         self.reported = self.link.take_frames();
         Ok(())
@@ -132,7 +132,7 @@ impl VirtualRobot {
     /// Passes recorded events to the observers.
     pub(super) fn publish(&mut self) {
         let zero = self.clock.common(self.booted.micros());
-        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+        for link in std::iter::once(&mut self.link).chain(&mut self.other_links) {
             for event in link.take_events() {
                 for observer in &mut self.control.observers {
                     observer.event(link.role(), zero, &event);

@@ -12,7 +12,7 @@ const ADC: u16 = 16 + 18;
 
 /// Observations of a board during a run.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Watch {
+pub struct BoardObservations {
     missed_ticks: u8,
     longest_tick_us: u16,
     tick_lateness_us: u16,
@@ -23,7 +23,7 @@ pub struct Watch {
     identity: Option<(Hash24, u8)>,
 }
 
-impl Watch {
+impl BoardObservations {
     /// Records a health message of the board.
     pub fn health(&mut self, missed: u8, longest_us: u16, lateness_us: u16) {
         self.missed_ticks = self.missed_ticks.max(missed);
@@ -154,7 +154,7 @@ pub fn of(
     role: Role,
     image: &Image,
     board: &mut Board,
-    watch: &Watch,
+    observations: &BoardObservations,
     can: &Statistics,
 ) -> BoardReport {
     let top = image.symbol("_stack_start");
@@ -177,27 +177,31 @@ pub fn of(
         .collect();
     let overrun = board.chip().can_overruns();
     let reaction = board.chip().longest_reaction();
-    let reaction_us = reaction as f64 * 1e6 / watch.hclk_hz.max(1) as f64;
+    let reaction_us = reaction as f64 * 1e6 / observations.hclk_hz.max(1) as f64;
     let core = board.core();
     BoardReport {
         name: robot.name(role),
         resets,
         findings,
-        longest_tick_us: watch.longest_tick_us,
-        tick_lateness_us: watch.tick_lateness_us,
-        missed_ticks: watch.missed_ticks.saturating_sub(watch.boot_missed),
+        longest_tick_us: observations.longest_tick_us,
+        tick_lateness_us: observations.tick_lateness_us,
+        missed_ticks: observations
+            .missed_ticks
+            .saturating_sub(observations.boot_missed),
         longest_current_loop_us: (!role.is_beam() && core.taken(ADC) > 0).then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
         stack_used: used(core.lowest_msp()),
         stack_size: size,
-        boot_stack: used(watch.boot_sp),
-        build: watch.identity.map(|(build, _)| format!("{:06x}", build.0)),
+        boot_stack: used(observations.boot_sp),
+        build: observations
+            .identity
+            .map(|(build, _)| format!("{:06x}", build.0)),
         instructions: core.instructions(),
         can: Can {
             sent: can.sent,
             received: can.received,
             overrun,
-            lost: can.given_up.saturating_sub(watch.boot_lost),
+            lost: can.given_up.saturating_sub(observations.boot_lost),
             arbitrations_lost: can.arbitrations_lost,
             error_frames: can.error_frames,
         },

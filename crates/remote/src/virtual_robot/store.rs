@@ -23,7 +23,7 @@ pub fn sectors(
     (drawn, bridges): &(Drawn, Vec<Vec<BridgeParts>>),
 ) -> Result<Vec<u8>, Error> {
     let base = Settings::of(role);
-    let mut settings = wanted(scenario, role)?;
+    let mut settings = configured_settings(scenario, role)?;
     if let Role::Beam(frame) = role {
         let (bridges, drawn) = (&bridges[frame.index()], &drawn.frames[frame.index()]);
         calibrate(scenario, &mut settings, bridges, drawn)?;
@@ -39,25 +39,27 @@ pub fn sectors(
 }
 
 /// Settings of a board in a scenario. Settings without a board parameter must keep their default.
-fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
-    let mut asked = Settings::new(scenario.completed_robot());
+fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
+    let mut configured = Settings::new(scenario.completed_robot());
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
-    asked.button = Button {
+    configured.button = Button {
         start,
         goal,
         ..Button::default()
     };
-    scenario.boards.apply(role, &mut asked)?;
+    scenario.boards.apply(role, &mut configured)?;
     let mut settings = Settings::of(role);
     for parameter in TABLE
         .iter()
         .filter(|parameter| !is_calibrated(parameter.name))
     {
-        parameter.set(&mut settings, parameter.get(&asked))?;
+        parameter.set(&mut settings, parameter.get(&configured))?;
     }
+    // Values of one board determine others of the same board.
+    let configured = configured.robot.completed();
     let mut left = settings.robot.completed();
-    left.beam.calibration = asked.robot.beam.calibration;
-    if left != asked.robot {
+    left.beam.calibration = configured.beam.calibration;
+    if left != configured {
         return Err(Error::input(
             "robot: the default images take only the parameters of `cfmmr params list`; settings without a \
              board parameter must keep their default",
@@ -107,11 +109,26 @@ mod tests {
     use core_algos::fusion::robot::Mode;
 
     #[test]
+    fn wheel_and_track_of_one_board_are_stored_in_that_board() {
+        let file = "[boards.rear]\nrobot.geometry.wheel_radius_m = 0.07\nrobot.geometry.half_track_m = 0.16\n";
+        let scenario = Scenario::parse(None, file, "test", &[]).unwrap();
+        let radius = |role| {
+            configured_settings(&scenario, role)
+                .unwrap()
+                .robot
+                .geometry
+                .wheel_radius_m
+        };
+        assert_eq!(radius(Role::axle(1)), 0.07);
+        assert_eq!(radius(Role::axle(0)), 0.073);
+    }
+
+    #[test]
     fn robot_without_rps_stores_odometry_as_its_fusion() {
         let mut scenario = Scenario::default();
         for rps in [true, false] {
             scenario.mission.rps = rps;
-            let stored = wanted(&scenario, Role::LEAD).unwrap();
+            let stored = configured_settings(&scenario, Role::LEAD).unwrap();
             assert_eq!(stored.robot.lead.fusion.mode, scenario.fusion());
         }
         assert_eq!(scenario.fusion(), Mode::Odometry);

@@ -6,11 +6,11 @@ use virtual_board::device::{Icm42688, InertialConfig, Motion};
 
 /// Register with the bits of the adaptive full-scale range.
 const INTF_CONFIG1: u8 = 0x4d;
-const MS: u64 = 1_000_000_000;
+const PS_PER_MS: u64 = 1_000_000_000;
 /// Yaw rate of a turn, °/s, and slopes at its start and its end, °/s².
-const RATE: f64 = 150.0;
-const BEGIN: f64 = 10_000.0;
-const END: f64 = 300.0;
+const RATE_DEG_S: f64 = 150.0;
+const BEGIN_DEG_S2: f64 = 10_000.0;
+const END_DEG_S2: f64 = 300.0;
 const TURNS: usize = 10;
 
 /// Heading error after the turns, °: integrated rates of the driver less the true heading. Without the remedy,
@@ -18,15 +18,15 @@ const TURNS: usize = 10;
 fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
     let mut sensor = Icm42688::new(config, 1);
     let mut driver = Driver::new(1.0, 1.0).unwrap();
-    let mut at = Time(2 * MS);
-    let (mut truth, mut found) = (0.0, 0.0);
+    let mut at = Time(2 * PS_PER_MS);
+    let (mut truth, mut measured) = (0.0, 0.0);
     let mut step = |rate: f64, slope: f64, still: bool| {
         let mut motion = Motion::default();
         motion.rate[2] = rate.to_radians();
         motion.rate_slope[2] = slope.to_radians();
         motion.force[2] = 9.81;
         sensor.motion(at, motion);
-        at = at + Time(MS);
+        at = at + Time(PS_PER_MS);
         let reading = driver.step(still, |bytes| {
             if !with_remedy && bytes[0] & 0x7f == INTF_CONFIG1 {
                 bytes[1] = 0x51;
@@ -40,21 +40,26 @@ fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
             true
         });
         truth += 1e-3 * (rate + 0.5e-3 * slope);
-        found += 1e-3 * f64::from(reading.gyro_rad_s.unwrap_or(0.0)).to_degrees();
+        measured += 1e-3 * f64::from(reading.gyro_rad_s.unwrap_or(0.0)).to_degrees();
         still || reading.gyro_rad_s.is_some()
     };
     (0..1500).for_each(|_| assert!(step(0.0, 0.0, true)));
     for _ in 0..TURNS {
         let mut rate: f64 = 0.0;
-        for (slope, ms) in [(BEGIN, 15), (0.0, 600), (-END, 500), (0.0, 50)] {
+        for (slope, ms) in [
+            (BEGIN_DEG_S2, 15),
+            (0.0, 600),
+            (-END_DEG_S2, 500),
+            (0.0, 50),
+        ] {
             for _ in 0..ms {
                 assert!(step(rate, slope, false), "the sensor is lost");
                 rate += 1e-3 * slope;
             }
         }
-        assert!(rate.abs() < 1e-6 && RATE == 1e-3 * BEGIN * 15.0);
+        assert!(rate.abs() < 1e-6 && RATE_DEG_S == 1e-3 * BEGIN_DEG_S2 * 15.0);
     }
-    found - truth
+    measured - truth
 }
 
 #[test]

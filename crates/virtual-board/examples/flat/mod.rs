@@ -7,7 +7,7 @@ pub mod semihosting;
 
 use virtual_board::core::{BusError, Core, System, Transfer, Width};
 use virtual_board::image::Image;
-use virtual_board::{Cycles, Kind};
+use virtual_board::{Cycles, FindingKind};
 
 /// A chip that consists only of memories.
 pub struct Flat {
@@ -118,7 +118,7 @@ impl System for Flat {
 
     fn request_reset(&mut self) {}
 
-    fn note(&mut self, kind: Kind, pc: u32, _cycle: Cycles, text: String) {
+    fn note(&mut self, kind: FindingKind, pc: u32, _cycle: Cycles, text: String) {
         self.notes
             .push(format!("{pc:#010x}: {}: {text}", kind.name()));
     }

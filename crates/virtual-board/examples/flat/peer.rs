@@ -8,7 +8,7 @@ use virtual_board::core::{Core, Stop};
 /// Number of words of a state: r0 to r14, APSR, FPSCR, s0 to s31.
 pub const WORDS: usize = 49;
 /// Maximum number of cycles of a case.
-pub const MOST: u64 = 1_000_000;
+pub const MAX_CYCLES: u64 = 1_000_000;
 pub const FLASH: u32 = 0x0800_0000;
 
 /// Enables the floating-point unit and activates its context.
@@ -41,7 +41,7 @@ pub fn prepare(flat: &mut Flat, offset: usize) -> Core {
 /// Restarts the core after a fault.
 pub fn restart(core: &mut Core, flat: &mut Flat) {
     core.reset(flat);
-    let until = core.cycles() + MOST;
+    let until = core.cycles() + MAX_CYCLES;
     let stop = core.run(flat, until);
     assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
 }

@@ -5,7 +5,7 @@ use super::effect::Request;
 use super::map::Unit;
 use super::{CCM, CCM_LENGTH, Chip, FLASH, SRAM, SRAM_LENGTH, dma, map, rcc, register};
 use crate::core::{BusError, System, Transfer, Width};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
 /// Reads a little-endian value; zero if it ends beyond `bytes`.
@@ -54,7 +54,7 @@ impl Chip {
             (dma::Controller::Dma1, Unit::Dma1),
             (dma::Controller::Dma2, Unit::Dma2),
         ] {
-            let Some(stream) = self.units.dma(controller).listener(request) else {
+            let Some(stream) = self.units.dma(controller).assigned_stream(request) else {
                 continue;
             };
             let gate = unit.gate(0);
@@ -82,8 +82,8 @@ impl Chip {
     /// Repeats pending DMA requests after a write to a DMA controller.
     fn dma_written(&mut self) {
         let (units, shared) = (&mut self.units, &mut self.shared);
-        units.adc.ask(shared);
-        units.usart3.ask(shared);
+        units.adc.request_dma(shared);
+        units.usart3.request_dma(shared);
         self.settle();
     }
 
@@ -131,7 +131,13 @@ impl Chip {
 
     /// Checks an access; true if it takes effect. False also once the supply has failed: the core is then held in reset
     /// and receives no answer.
-    fn judge(&mut self, unit: Unit, offset: u32, width: Width, write: Option<(u32, u32)>) -> bool {
+    fn check_access(
+        &mut self,
+        unit: Unit,
+        offset: u32,
+        width: Width,
+        write: Option<(u32, u32)>,
+    ) -> bool {
         if self.sagged.is_some() {
             return false;
         }
@@ -140,9 +146,9 @@ impl Chip {
             let off = !rcc.is_enabled(register, bit);
             if off || rcc.is_in_reset(register, bit) {
                 let (kind, what) = if off {
-                    (Kind::ClockGated, "its clock is off")
+                    (FindingKind::ClockGated, "its clock is off")
                 } else {
-                    (Kind::Forbidden, "the program holds it in reset")
+                    (FindingKind::Forbidden, "the program holds it in reset")
                 };
                 let text = format!("{}: {what}", unit.name_at(offset));
                 self.shared.note(kind, text);
@@ -153,7 +159,7 @@ impl Chip {
         let (peripheral, shared) = self.unit(unit);
         let Some(register) = register::find(peripheral.registers(), place) else {
             let text = format!("{}: no register at {place:#x}", unit.name_at(offset));
-            shared.note(Kind::Unmapped, text);
+            shared.note(FindingKind::Unmapped, text);
             return false;
         };
         if width != Width::Word && !register.narrow {
@@ -163,7 +169,7 @@ impl Chip {
                 register.name,
                 8 * width.bytes()
             );
-            shared.note(Kind::Alignment, text);
+            shared.note(FindingKind::Alignment, text);
         }
         let changed = write.map_or(0, |(value, mask)| register.changed_reserved(value, mask));
         if changed != 0 {
@@ -172,13 +178,13 @@ impl Chip {
                 unit.name_at(offset),
                 register.name
             );
-            shared.note(Kind::ReservedBit, text);
+            shared.note(FindingKind::ReservedBit, text);
         }
         true
     }
 
     /// Notes an access that follows too soon after the peripheral's clock was enabled.
-    fn judge_delay(&mut self, unit: Unit, offset: u32) {
+    fn check_enable_delay(&mut self, unit: Unit, offset: u32) {
         let now = self.shared.now;
         let gate = unit.gate(offset);
         if let Some(cycles) = gate.and_then(|gate| self.enabled.is_early(gate, now)) {
@@ -186,13 +192,13 @@ impl Chip {
                 "{}: accessed {cycles} cycles after its clock was switched on, without a DSB",
                 unit.name_at(offset)
             );
-            self.shared.note(Kind::Forbidden, text);
+            self.shared.note(FindingKind::Forbidden, text);
         }
     }
 
     /// Reads a register; the caller delivers the effects.
     fn read_register(&mut self, unit: Unit, offset: u32, width: Width) -> u32 {
-        if !self.judge(unit, offset, width, None) {
+        if !self.check_access(unit, offset, width, None) {
             return 0;
         }
         let (peripheral, shared) = self.unit(unit);
@@ -200,7 +206,7 @@ impl Chip {
     }
 
     fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
-        self.judge_delay(unit, offset);
+        self.check_enable_delay(unit, offset);
         let value = self.read_register(unit, offset, width);
         self.settle();
         Ok(value)
@@ -211,12 +217,12 @@ impl Chip {
         let shift = 8 * (offset & 3);
         let mask = width.mask() << shift;
         let value = value << shift & mask;
-        if !self.judge(unit, offset, width, Some((value, mask))) {
+        if !self.check_access(unit, offset, width, Some((value, mask))) {
             return;
         }
         if unit == Unit::Rcc && offset & !3 == rcc::BDCR && !self.units.pwr.is_backup_open() {
             let text = "RCC_BDCR written while PWR_CR.DBP is clear";
-            return self.shared.note(Kind::Forbidden, text);
+            return self.shared.note(FindingKind::Forbidden, text);
         }
         let (peripheral, shared) = self.unit(unit);
         peripheral.write(offset & !3, value, mask, shared);
@@ -229,7 +235,7 @@ impl Chip {
         width: Width,
         value: u32,
     ) -> Result<(), BusError> {
-        self.judge_delay(unit, offset);
+        self.check_enable_delay(unit, offset);
         let place = offset & !3;
         let enables = unit == Unit::Rcc && rcc::ENABLES.contains(&place);
         let before = enables.then(|| self.units.rcc.enabled_by(place));
@@ -240,7 +246,7 @@ impl Chip {
         }
         self.settle();
         match unit {
-            Unit::Flash | Unit::Pwr => self.judge_clock(false),
+            Unit::Flash | Unit::Pwr => self.check_core_clock(false),
             Unit::Tim1 if matches!(offset & !3, 0x34 | 0x38) && self.units.adc.started() > 0 => {
                 let took = self.shared.now.saturating_sub(self.units.adc.started());
                 self.longest_reaction = self.longest_reaction.max(took);
@@ -268,7 +274,7 @@ impl Chip {
     fn is_not_modelled(&mut self, address: u32) -> bool {
         let name = map::not_modelled(address);
         if let Some(name) = name {
-            self.shared.note(Kind::NotModelled, name);
+            self.shared.note(FindingKind::NotModelled, name);
         }
         name.is_some()
     }
@@ -284,8 +290,8 @@ impl Chip {
             }
             self.shared.now = at;
             self.shared.schedule(unit, NEVER);
-            if unit == Unit::World {
-                self.advance_surroundings();
+            if unit == Unit::Circuit {
+                self.advance_circuit();
             } else {
                 let (peripheral, shared) = self.unit(unit);
                 peripheral.event(shared);
@@ -342,7 +348,7 @@ impl Chip {
                 return Ok(0);
             }
             self.shared
-                .note(Kind::Unmapped, format!("read at {address:#010x}"));
+                .note(FindingKind::Unmapped, format!("read at {address:#010x}"));
         }
         found
     }
@@ -368,7 +374,7 @@ impl Chip {
                 return Ok(());
             }
             self.shared
-                .note(Kind::Unmapped, format!("write at {address:#010x}"));
+                .note(FindingKind::Unmapped, format!("write at {address:#010x}"));
         }
         done
     }
@@ -437,12 +443,12 @@ impl System for Chip {
     }
 
     fn request_reset(&mut self) {
-        self.shared.note(Kind::Reset, "by the program");
+        self.shared.note(FindingKind::Reset, "by the program");
         self.reset = Some(Cause::Software);
         self.shared.limit = 0;
     }
 
-    fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String) {
+    fn note(&mut self, kind: FindingKind, pc: u32, cycle: Cycles, text: String) {
         let at = self.shared.base.time_of(cycle);
         self.shared.findings.note(kind, pc, at, text);
     }

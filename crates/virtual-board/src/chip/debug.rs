@@ -10,7 +10,7 @@ use super::chip_variation::Random;
 use super::map::IDENTITY;
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 /// Device 0x413, revision Y.
 const IDCODE: u32 = 0x100f_6413;
@@ -61,7 +61,7 @@ impl Debug {
     /// Position on the wafer, wafer number and lot number; the lot number is in ASCII.
     fn identity(shared: &Shared) -> [u32; 3] {
         let mut random = Random::new(shared.variation.seed);
-        let mut draw = |most: u64| (random.next() >> 16) % most;
+        let mut draw = |below: u64| (random.next() >> 16) % below;
         let place = draw(100) << 16 | draw(100);
         let wafer = 1 + draw(25);
         let mut lot = || u64::from(b'0') + draw(10);
@@ -96,7 +96,7 @@ impl Peripheral for Debug {
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         if !(0x04..=0x0c).contains(&offset) {
-            return shared.note(Kind::Forbidden, "the device signature is read only");
+            return shared.note(FindingKind::Forbidden, "the device signature is read only");
         }
         let register = &mut self.settings[offset as usize / 4 - 1];
         let old = std::mem::replace(register, merge(*register, value, mask));
@@ -107,7 +107,7 @@ impl Peripheral for Debug {
         };
         if *register & !old & unknown != 0 {
             let text = "DBGMCU: trace pins, stopping peripherals of a halted core";
-            shared.note(Kind::NotModelled, text);
+            shared.note(FindingKind::NotModelled, text);
         }
     }
 }
@@ -133,9 +133,9 @@ mod tests {
             shared.variation.seed = seed;
             [0, 4, 8].map(|at| debug.read(IDENTITY + at, &mut shared))
         };
-        let mut seen: Vec<_> = (0..200).map(&mut read).collect();
-        assert_eq!(read(7), seen[7]);
-        for id in &seen {
+        let mut identities: Vec<_> = (0..200).map(&mut read).collect();
+        assert_eq!(read(7), identities[7]);
+        for id in &identities {
             let lot = id[1].to_le_bytes()[1..]
                 .iter()
                 .chain(&id[2].to_le_bytes())
@@ -143,9 +143,9 @@ mod tests {
                 .collect::<Vec<_>>();
             assert!(lot.iter().all(u8::is_ascii_digit), "{lot:?}");
         }
-        seen.sort_unstable();
-        seen.dedup();
-        assert_eq!(seen.len(), 200);
+        identities.sort_unstable();
+        identities.dedup();
+        assert_eq!(identities.len(), 200);
     }
 
     #[test]
@@ -160,6 +160,6 @@ mod tests {
         assert_eq!(stopped, [true, false, false, true, false]);
         assert!(shared.findings.list().is_empty());
         debug.write(0x0c, 2, !0, &mut shared);
-        assert_eq!(shared.findings.list()[0].kind, Kind::NotModelled);
+        assert_eq!(shared.findings.list()[0].kind, FindingKind::NotModelled);
     }
 }

@@ -19,7 +19,7 @@ impl Request {
 
 /// Timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum TimerId {
     Tim1,
     Tim2,
     Tim3,
@@ -32,7 +32,7 @@ pub(crate) enum Kind {
 pub(crate) enum Effect {
     /// TRGO of a timer, which can start conversions, changed its level.
     Trigger {
-        timer: Kind,
+        timer: TimerId,
         /// True for a rising edge.
         rises: bool,
     },

@@ -9,7 +9,7 @@ use super::Peripheral;
 use super::interrupt::Interrupt;
 use super::register::{Register, merge, word};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 // Offsets.
 const IMR: u32 = 0x00;
@@ -74,7 +74,7 @@ impl Peripheral for Exti {
         };
         if value & !modelled != 0 {
             let text = "EXTI: lines other than 16, events, SWIER";
-            shared.note(Kind::NotModelled, text);
+            shared.note(FindingKind::NotModelled, text);
         }
         match offset {
             IMR => self.mask = merge(self.mask, value, mask),
@@ -123,7 +123,7 @@ mod tests {
         for (offset, value) in [(0x04, LINE), (IMR, 1), (RTSR, 1 << 22), (0x10, LINE)] {
             let (mut exti, mut shared) = (Exti::default(), shared());
             exti.write(offset, value, !0, &mut shared);
-            assert_eq!(shared.kinds(), [Kind::NotModelled]);
+            assert_eq!(shared.kinds(), [FindingKind::NotModelled]);
         }
     }
 }

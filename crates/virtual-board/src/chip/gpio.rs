@@ -19,7 +19,7 @@ use super::net::{Net, Usable};
 use super::pin::{ALTERNATE, Drive, PORTS, Pin, Signal};
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
@@ -72,8 +72,8 @@ impl Port {
 }
 
 /// Level of a pin driven by chip and circuit; `None` if it floats.
-fn meet(chip: Drive, world: Drive) -> Option<bool> {
-    match (chip, world) {
+fn combined_level(chip: Drive, circuit: Drive) -> Option<bool> {
+    match (chip, circuit) {
         (Drive::Low, _) | (_, Drive::Low) => Some(false),
         (Drive::High, _) | (_, Drive::High) => Some(true),
         // The circuit's resistors win: those of the chip have 40 kΩ.
@@ -124,9 +124,9 @@ pub(crate) struct Gpio {
     ports: [Port; PORTS],
     routes: Routes,
     /// Drive of each pin by the circuit; outlives a reset.
-    world: [Drive; PINS],
+    circuit: [Drive; PINS],
     /// Pins that the circuit has driven at least once.
-    soldered: [bool; PINS],
+    connected: [bool; PINS],
     /// Drive of each pin by the chip.
     chip: [Drive; PINS],
     level: [bool; PINS],
@@ -142,8 +142,8 @@ impl Default for Gpio {
         Self {
             ports,
             routes: Routes::of(&ports),
-            world: [Drive::Open; PINS],
-            soldered: [false; PINS],
+            circuit: [Drive::Open; PINS],
+            connected: [false; PINS],
             chip: [Drive::Open; PINS],
             level: [false; PINS],
             signals: [Drive::Open; Signal::COUNT],
@@ -155,9 +155,9 @@ impl Default for Gpio {
 impl Gpio {
     /// Starts from the reset state; `before` holds the ports before the reset.
     pub fn begin(&mut self, before: &Self, shared: &mut Shared) {
-        (self.world, self.soldered) = (before.world, before.soldered);
+        (self.circuit, self.connected) = (before.circuit, before.connected);
         (self.chip, self.level) = (before.chip, before.level);
-        for net in shared.world().nets() {
+        for net in shared.circuit().nets() {
             self.nets[net.pin.index()] = Some(net);
         }
         for port in 0..PORTS {
@@ -174,11 +174,11 @@ impl Gpio {
 
     /// Sets the circuit's drive of a pin.
     pub fn external(&mut self, pin: Pin, drive: Drive, shared: &mut Shared) {
-        self.soldered[pin.index()] |= drive != Drive::Open;
+        self.connected[pin.index()] |= drive != Drive::Open;
         if drive.is_strong() {
             self.check_net(pin, Usable::Input, "the circuit", shared);
         }
-        self.world[pin.index()] = drive;
+        self.circuit[pin.index()] = drive;
         self.settle(pin, shared);
     }
 
@@ -221,14 +221,14 @@ impl Gpio {
 
     /// True if a pin is not analogue and neither chip nor circuit drives it.
     pub fn floats(&self, pin: Pin) -> bool {
-        let drives = (self.chip[pin.index()], self.world[pin.index()]);
+        let drives = (self.chip[pin.index()], self.circuit[pin.index()]);
         !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)
     }
 
     /// Notes a floating pin that is read.
-    pub fn judge(&self, pin: Pin, shared: &mut Shared) {
+    pub fn check_level(&self, pin: Pin, shared: &mut Shared) {
         if self.floats(pin) {
-            shared.note(Kind::Pin, format!("{pin} floats and is listened to"));
+            shared.note(FindingKind::Pin, format!("{pin} floats and is read"));
         }
     }
 
@@ -239,7 +239,7 @@ impl Gpio {
         {
             let Net { name, part, .. } = net;
             let text = format!("{pin} is the board's net {name} ({part}), and {driver} drives it");
-            shared.note(Kind::Pin, text);
+            shared.note(FindingKind::Pin, text);
         }
     }
 
@@ -284,13 +284,13 @@ impl Gpio {
 
     /// Recomputes the level of a pin.
     fn settle(&mut self, pin: Pin, shared: &mut Shared) {
-        let (chip, world) = (self.chip[pin.index()], self.world[pin.index()]);
-        if chip.is_strong() && world.is_strong() && chip != world {
+        let (chip, circuit) = (self.chip[pin.index()], self.circuit[pin.index()]);
+        if chip.is_strong() && circuit.is_strong() && chip != circuit {
             let text = format!("{pin} is driven against what is soldered to it");
-            shared.note(Kind::Pin, text);
+            shared.note(FindingKind::Pin, text);
         }
         // An analogue pin has no digital input.
-        let level = !self.is_analogue(pin) && meet(chip, world).unwrap_or(false);
+        let level = !self.is_analogue(pin) && combined_level(chip, circuit).unwrap_or(false);
         if self.level[pin.index()] != level {
             self.level[pin.index()] = level;
             shared.effect(Effect::Level { pin, high: level });
@@ -303,8 +303,8 @@ impl Gpio {
         for number in 0..16 {
             let pin = Pin::of(port, number);
             bits |= u32::from(self.level(pin)) << number;
-            if self.soldered[pin.index()] && self.ports[port].mode_of(number) == INPUT {
-                self.judge(pin, shared);
+            if self.connected[pin.index()] && self.ports[port].mode_of(number) == INPUT {
+                self.check_level(pin, shared);
             }
         }
         bits
@@ -324,7 +324,7 @@ impl Gpio {
     }
 
     /// Reports the present level of each pin whose mode or function has changed to an alternate function.
-    fn announce(&self, index: usize, before: &Port, shared: &mut Shared) {
+    fn emit_levels(&self, index: usize, before: &Port, shared: &mut Shared) {
         let now = &self.ports[index];
         for number in 0..16 {
             let setting = |port: &Port| (port.mode_of(number), port.alternate_of(number));
@@ -371,17 +371,17 @@ impl Peripheral for Gpio {
             0x0c => &mut port.pull,
             0x14 => &mut port.output,
             0x18 => return self.set_and_reset(index, value, shared),
-            0x1c => return shared.note(Kind::NotModelled, "GPIO: locked settings"),
+            0x1c => return shared.note(FindingKind::NotModelled, "GPIO: locked settings"),
             0x20 => &mut port.alternate[0],
             0x24 => &mut port.alternate[1],
-            _ => return shared.note(Kind::Forbidden, "GPIO_IDR is read only"),
+            _ => return shared.note(FindingKind::Forbidden, "GPIO_IDR is read only"),
         };
         *register = merge(*register, value, mask);
         if matches!(offset, 0x00 | 0x20 | 0x24) {
             self.routes = Routes::of(&self.ports);
         }
         self.update(index, shared);
-        self.announce(index, &before, shared);
+        self.emit_levels(index, &before, shared);
     }
 }
 

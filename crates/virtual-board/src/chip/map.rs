@@ -9,7 +9,7 @@ use super::pin::{PORTS, Signal};
 #[repr(usize)]
 pub(crate) enum Unit {
     /// Circuit around the chip.
-    World,
+    Circuit,
     /// Oscillators, PLL.
     Rcc,
     /// End of an operation of the flash.
@@ -73,7 +73,7 @@ pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
 const PORT: u32 = 0x400;
 
 /// Address range of a peripheral.
-struct Place {
+struct AddressRange {
     first: u32,
     last: u32,
     unit: Unit,
@@ -81,14 +81,14 @@ struct Place {
     gate: Option<(u32, u32)>,
 }
 
-const fn place(
+const fn range(
     first: u32,
     length: u32,
     unit: Unit,
     name: &'static str,
     gate: Option<(u32, u32)>,
-) -> Place {
-    Place {
+) -> AddressRange {
+    AddressRange {
         first,
         last: first + length - 1,
         unit,
@@ -102,39 +102,39 @@ const fn by(register: u32, bit: u32) -> Option<(u32, u32)> {
 }
 
 /// Address ranges in ascending order.
-const PLACES: [Place; 21] = [
-    place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
-    place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
-    place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
-    place(0x4000_0800, 0x400, Unit::Tim4, "TIM4", by(APB1ENR, 2)),
-    place(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", by(APB1ENR, 3)),
-    place(0x4000_2c00, 0x400, Unit::Wwdg, "WWDG", by(APB1ENR, 11)),
-    place(0x4000_3000, 0x400, Unit::Iwdg, "IWDG", None),
-    place(0x4000_4800, 0x400, Unit::Usart3, "USART3", by(APB1ENR, 18)),
-    place(0x4000_6400, 0x400, Unit::Can1, "CAN1", by(APB1ENR, 25)),
-    place(0x4000_7000, 0x400, Unit::Pwr, "PWR", by(APB1ENR, 28)),
-    place(0x4001_0000, 0x400, Unit::Tim1, "TIM1", by(APB2ENR, 0)),
-    place(0x4001_2000, 0x400, Unit::Adc, "ADC1", by(APB2ENR, 8)),
-    place(0x4001_3000, 0x400, Unit::Spi1, "SPI1", by(APB2ENR, 12)),
-    place(0x4001_3c00, 0x400, Unit::Exti, "EXTI", None),
-    place(0x4001_4800, 0x400, Unit::Tim11, "TIM11", by(APB2ENR, 18)),
-    place(0x4002_0000, 9 * PORT, Unit::Gpio, "GPIO", None),
-    place(0x4002_3800, 0x400, Unit::Rcc, "RCC", None),
-    place(0x4002_3c00, 0x400, Unit::Flash, "FLASH", None),
-    place(0x4002_6000, 0x400, Unit::Dma1, "DMA1", by(AHB1ENR, 21)),
-    place(0x4002_6400, 0x400, Unit::Dma2, "DMA2", by(AHB1ENR, 22)),
-    place(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
+const ADDRESS_RANGES: [AddressRange; 21] = [
+    range(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
+    range(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
+    range(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
+    range(0x4000_0800, 0x400, Unit::Tim4, "TIM4", by(APB1ENR, 2)),
+    range(0x4000_0c00, 0x400, Unit::Tim5, "TIM5", by(APB1ENR, 3)),
+    range(0x4000_2c00, 0x400, Unit::Wwdg, "WWDG", by(APB1ENR, 11)),
+    range(0x4000_3000, 0x400, Unit::Iwdg, "IWDG", None),
+    range(0x4000_4800, 0x400, Unit::Usart3, "USART3", by(APB1ENR, 18)),
+    range(0x4000_6400, 0x400, Unit::Can1, "CAN1", by(APB1ENR, 25)),
+    range(0x4000_7000, 0x400, Unit::Pwr, "PWR", by(APB1ENR, 28)),
+    range(0x4001_0000, 0x400, Unit::Tim1, "TIM1", by(APB2ENR, 0)),
+    range(0x4001_2000, 0x400, Unit::Adc, "ADC1", by(APB2ENR, 8)),
+    range(0x4001_3000, 0x400, Unit::Spi1, "SPI1", by(APB2ENR, 12)),
+    range(0x4001_3c00, 0x400, Unit::Exti, "EXTI", None),
+    range(0x4001_4800, 0x400, Unit::Tim11, "TIM11", by(APB2ENR, 18)),
+    range(0x4002_0000, 9 * PORT, Unit::Gpio, "GPIO", None),
+    range(0x4002_3800, 0x400, Unit::Rcc, "RCC", None),
+    range(0x4002_3c00, 0x400, Unit::Flash, "FLASH", None),
+    range(0x4002_6000, 0x400, Unit::Dma1, "DMA1", by(AHB1ENR, 21)),
+    range(0x4002_6400, 0x400, Unit::Dma2, "DMA2", by(AHB1ENR, 22)),
+    range(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
 /// Index of each peripheral's range, the last of several.
-const PLACE_OF: [usize; Unit::COUNT] = {
-    let mut places = [0; Unit::COUNT];
+const RANGE_OF: [usize; Unit::COUNT] = {
+    let mut ranges = [0; Unit::COUNT];
     let mut k = 0;
-    while k < PLACES.len() {
-        places[PLACES[k].unit as usize] = k;
+    while k < ADDRESS_RANGES.len() {
+        ranges[ADDRESS_RANGES[k].unit as usize] = k;
         k += 1;
     }
-    places
+    ranges
 };
 
 impl Unit {
@@ -145,7 +145,7 @@ impl Unit {
     pub const SCHEDULED: [Self; 16] = {
         use Unit::*;
         [
-            World, Rcc, Flash, Iwdg, Wwdg, Tim1, Tim2, Tim3, Tim4, Tim5, Adc, Dma1, Dma2, Spi1,
+            Circuit, Rcc, Flash, Iwdg, Wwdg, Tim1, Tim2, Tim3, Tim4, Tim5, Adc, Dma1, Dma2, Spi1,
             Can1, Usart3,
         ]
     };
@@ -157,10 +157,10 @@ impl Unit {
 
     /// Peripheral at an address, and the offset within it.
     pub fn at(address: u32) -> Option<(Self, u32)> {
-        let k = PLACES.partition_point(|place| place.last < address);
-        let place = PLACES.get(k)?;
-        let offset = address.checked_sub(place.first)?;
-        Some((place.unit, offset + place.unit.bias(place.first)))
+        let k = ADDRESS_RANGES.partition_point(|range| range.last < address);
+        let range = ADDRESS_RANGES.get(k)?;
+        let offset = address.checked_sub(range.first)?;
+        Some((range.unit, offset + range.unit.bias(range.first)))
     }
 
     /// The debug unit has two ranges; the identity follows the registers.
@@ -168,8 +168,8 @@ impl Unit {
         if first == 0x1fff_7a10 { IDENTITY } else { 0 }
     }
 
-    fn place(self) -> &'static Place {
-        &PLACES[PLACE_OF[self as usize]]
+    fn range(self) -> &'static AddressRange {
+        &ADDRESS_RANGES[RANGE_OF[self as usize]]
     }
 
     /// Name of the peripheral; a port's includes its letter.
@@ -178,7 +178,7 @@ impl Unit {
             Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),
             Self::Debug if offset >= IDENTITY => "UID".to_owned(),
             Self::Debug => "DBGMCU".to_owned(),
-            _ => self.place().name.to_owned(),
+            _ => self.range().name.to_owned(),
         }
     }
 
@@ -186,7 +186,7 @@ impl Unit {
     pub fn gate(self, offset: u32) -> Option<(u32, u32)> {
         match self {
             Self::Gpio => Some((AHB1ENR, offset / PORT)),
-            _ => self.place().gate,
+            _ => self.range().gate,
         }
     }
 
@@ -196,8 +196,8 @@ impl Unit {
             return Some(Self::Gpio);
         }
         let gate = Some((register, bit));
-        let place = PLACES.iter().find(|place| place.gate == gate)?;
-        Some(place.unit)
+        let range = ADDRESS_RANGES.iter().find(|range| range.gate == gate)?;
+        Some(range.unit)
     }
 
     pub fn interrupts(self) -> &'static [Interrupt] {
@@ -251,7 +251,7 @@ impl Unit {
     /// Cycles that the bus adds to an access. On APB: two periods of the bus clock, one to wait for an edge, one for
     /// the access.
     pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
-        match self.place().first {
+        match self.range().first {
             0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,
             0x4001_0000..=0x4001_ffff => 2 * clocks.apb2,
             _ => 1,
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn address_ranges_ascend_without_overlap() {
-        for pair in PLACES.windows(2) {
+        for pair in ADDRESS_RANGES.windows(2) {
             assert!(
                 pair[0].last < pair[1].first,
                 "{} {}",

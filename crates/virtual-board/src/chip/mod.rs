@@ -55,7 +55,7 @@ pub use net::{Net, Usable};
 pub use nonlinearity::Nonlinearity;
 pub use pin::{Drive, Pin, Signal};
 
-use crate::finding::{Findings, Kind};
+use crate::finding::{FindingKind, Findings};
 use crate::time::{Cycles, Time};
 use effect::Effect;
 use map::Unit;
@@ -117,7 +117,7 @@ impl Units {
             pwr: pwr::Pwr::default(),
             gpio: gpio::Gpio::default(),
             exti: exti::Exti::default(),
-            timers: timer::Kind::ALL.map(timer::Timer::new),
+            timers: timer::TimerId::ALL.map(timer::Timer::new),
             tim11: tim11::Tim11::default(),
             adc: adc::Adc::default(),
             dma1: dma::Dma::new(dma::Controller::Dma1),
@@ -199,7 +199,7 @@ impl Chip {
 
     /// The circuit around the chip; `None` if its type is not `T`.
     pub fn circuit<T: Circuit>(&mut self) -> Option<&mut T> {
-        let any: &mut dyn std::any::Any = self.shared.world();
+        let any: &mut dyn std::any::Any = self.shared.circuit();
         any.downcast_mut()
     }
 
@@ -256,9 +256,9 @@ impl Chip {
 
     /// Asks the circuit again for its next event; call it after changing the circuit from outside.
     pub fn refresh(&mut self) {
-        let at = self.shared.world().next();
+        let at = self.shared.circuit().next();
         let cycle = self.shared.base.cycle_of(at);
-        self.shared.schedule(Unit::World, cycle);
+        self.shared.schedule(Unit::Circuit, cycle);
     }
 
     fn set_frequency(&mut self, hz: u64) {
@@ -269,11 +269,11 @@ impl Chip {
     }
 
     /// Lets the circuit handle its events due now.
-    fn advance_surroundings(&mut self) {
+    fn advance_circuit(&mut self) {
         // The vectors are kept to avoid an allocation on each call.
         let mut inputs = std::mem::take(&mut self.inputs);
         let at = self.shared.time();
-        self.shared.world().advance(at, &mut inputs);
+        self.shared.circuit().advance(at, &mut inputs);
         for (pin, drive) in inputs.pins.drain(..) {
             self.units.gpio.external(pin, drive, &mut self.shared);
         }
@@ -295,12 +295,12 @@ impl Chip {
     #[inline]
     fn settle(&mut self) {
         if !self.shared.effects.is_empty() {
-            self.carry_effects();
+            self.deliver_effects();
         }
     }
 
     #[inline(never)]
-    fn carry_effects(&mut self) {
+    fn deliver_effects(&mut self) {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
@@ -312,14 +312,14 @@ impl Chip {
                 Effect::Dma(request) => self.serve(request),
                 Effect::Uses(signal) => {
                     if units.gpio.pin_of(signal).is_none() {
-                        shared.note(Kind::Pin, format!("{signal:?} is on no pin"));
+                        shared.note(FindingKind::Pin, format!("{signal:?} is on no pin"));
                     }
                 }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
                 Effect::Level { pin, high } => self.level(pin, high),
                 Effect::Driven(pin, drive) => {
                     let at = shared.time();
-                    shared.world().pin(pin, drive, at);
+                    shared.circuit().pin(pin, drive, at);
                     self.refresh();
                 }
                 Effect::Frequency(hz) => {
@@ -327,7 +327,7 @@ impl Chip {
                     self.set_frequency(hz);
                     self.clock_changed = true;
                     self.shared.limit = 0;
-                    self.judge_clock(hz > before);
+                    self.check_core_clock(hz > before);
                     self.clocks_changed();
                 }
                 Effect::ClockFailure => {
@@ -337,7 +337,10 @@ impl Chip {
                 }
                 Effect::Sampled(pin) => {
                     if !units.gpio.is_analogue(pin) {
-                        shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
+                        shared.note(
+                            FindingKind::Pin,
+                            format!("{pin} is converted and not analogue"),
+                        );
                     }
                 }
                 Effect::VoltageDetector { low } => units.exti.level(low, shared),
@@ -353,7 +356,7 @@ impl Chip {
     /// Checks wait states, prefetch and regulator scale against the core clock and the supply (RM0090, tables 10 and
     /// 11). Too many wait states are a finding only when the clock gets faster: a program sets the wait states of a
     /// faster clock before it switches.
-    fn judge_clock(&mut self, faster: bool) {
+    fn check_core_clock(&mut self, faster: bool) {
         let (hz, volts) = (self.shared.clocks.hclk_hz, self.shared.volts);
         let step = match volts {
             2.7.. => 30_000_000,
@@ -376,7 +379,7 @@ impl Chip {
             found.push(format!("regulator at scale 2 at {hz} Hz"));
         }
         for text in found {
-            self.shared.note(Kind::ClockLimit, text);
+            self.shared.note(FindingKind::ClockLimit, text);
         }
     }
 
@@ -435,7 +438,7 @@ impl Chip {
             Unit::Iwdg => &mut u.watchdog,
             Unit::Wwdg => &mut u.window_watchdog,
             // The circuit has no registers.
-            Unit::Debug | Unit::World => &mut u.debug,
+            Unit::Debug | Unit::Circuit => &mut u.debug,
             Unit::Flash => &mut self.flash,
         };
         (peripheral, &mut self.shared)

@@ -36,7 +36,7 @@ impl Nonlinearity {
         let mut errors: Vec<f64> = (0..codes)
             .map(|code| sum(code) - gain * code as f64)
             .collect();
-        let largest = errors.iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        let largest = errors.iter().fold(0.0, |max: f64, e| max.max(e.abs()));
         let scale = if largest > 0.0 { peak / largest } else { 0.0 };
         errors.iter_mut().for_each(|error| *error *= scale);
         Self { errors }
@@ -60,7 +60,7 @@ mod tests {
             let curve = Nonlinearity::new(1.5, seed);
             assert!(curve.at(0.0).abs() < 1e-12 && curve.at(1.0).abs() < 1e-12);
             let all = (0..4096).map(|code| curve.at((f64::from(code) + 0.5) / 4096.0));
-            let largest = all.fold(0.0, |most: f64, e| most.max(e.abs()));
+            let largest = all.fold(0.0, |max: f64, e| max.max(e.abs()));
             assert!((largest - 1.5).abs() < 1e-12, "{largest}");
             steps += (curve.at(0.5001) - curve.at(0.4999)).abs() / 200.0;
         }

@@ -9,7 +9,7 @@ use super::Peripheral;
 use super::effect::Effect;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 // VOS is one bit on this chip. HALs of the family write the two bits of larger chips, so bit 15 is not treated as
 // reserved.
@@ -151,7 +151,7 @@ impl Peripheral for Pwr {
         let value = merge(old, value, mask);
         if value & !old & off != 0 {
             let text = "PWR: stop and standby modes, wake-up pin, backup regulator";
-            shared.note(Kind::NotModelled, text);
+            shared.note(FindingKind::NotModelled, text);
         }
         if offset == 0x04 {
             self.csr = value & (EWUP | BRE);
@@ -189,18 +189,18 @@ mod tests {
         pwr.write(0x00, VOS | PVDE | PLS, !0, &mut shared);
         assert!(shared.effects.is_empty());
         // Level 7 in the data sheet: 2.95 to 3.09 V falling, 3.07 to 3.21 V rising.
-        let mut seen = Vec::new();
+        let mut outputs = Vec::new();
         for volts in [3.1, 2.94, 3.06, 3.22] {
             shared.volts = volts;
             pwr.detect(&mut shared);
-            seen.push(pwr.read(0x04, &mut shared) & PVDO != 0);
+            outputs.push(pwr.read(0x04, &mut shared) & PVDO != 0);
         }
-        assert_eq!(seen, [false, true, true, false]);
-        let told = [
+        assert_eq!(outputs, [false, true, true, false]);
+        let expected = [
             Effect::VoltageDetector { low: true },
             Effect::VoltageDetector { low: false },
         ];
-        assert!(shared.effects.iter().eq(&told));
+        assert!(shared.effects.iter().eq(&expected));
     }
 
     #[test]

@@ -55,7 +55,7 @@ impl Chip {
         units.gpio.begin(&before.gpio, shared);
         let at = shared.time();
         shared.cancel_sample();
-        shared.volts = shared.world().supply(at);
+        shared.volts = shared.circuit().supply(at);
         let low = pwr::holds(shared.volts, shared.variation.brown_out, power_on);
         self.sagged = low.then_some(shared.volts);
         (self.reset, self.nmi) = (None, false);
@@ -95,7 +95,7 @@ impl Chip {
 
     /// Handles a change of the supply.
     pub(super) fn supply(&mut self, at: Time) {
-        let volts = self.shared.world().supply(at);
+        let volts = self.shared.circuit().supply(at);
         let before = std::mem::replace(&mut self.shared.volts, volts);
         if pwr::is_remembered(before) && !pwr::is_remembered(volts) {
             self.scramble();
@@ -117,7 +117,7 @@ impl Chip {
             }
             (None, false) => {
                 self.units.pwr.detect(&mut self.shared);
-                self.judge_clock(false);
+                self.check_core_clock(false);
             }
         }
         self.shared.limit = 0;

@@ -7,7 +7,7 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::pin::Pin;
 use super::schedule::Schedule;
-use crate::finding::{Findings, Kind};
+use crate::finding::{FindingKind, Findings};
 use crate::time::{Cycles, Time, Timebase};
 use std::collections::VecDeque;
 
@@ -86,7 +86,7 @@ impl Shared {
 
     /// Circuit around the chip. The circuit is called in the order of time: a pending sample due earlier is taken
     /// first.
-    pub fn world(&mut self) -> &mut dyn Circuit {
+    pub fn circuit(&mut self) -> &mut dyn Circuit {
         if self.sample.is_some_and(|sample| sample.at < self.now) {
             self.take_sample();
         }
@@ -94,7 +94,7 @@ impl Shared {
     }
 
     #[cfg(test)]
-    pub fn replace_world(&mut self, circuit: Box<dyn Circuit>) {
+    pub fn replace_circuit(&mut self, circuit: Box<dyn Circuit>) {
         self.circuit = circuit;
     }
 
@@ -131,7 +131,7 @@ impl Shared {
 
     /// Notes an error of the program at the present instruction.
     #[cold]
-    pub fn note(&mut self, kind: Kind, text: impl Into<String>) {
+    pub fn note(&mut self, kind: FindingKind, text: impl Into<String>) {
         let at = self.time();
         self.findings.note(kind, self.pc, at, text);
     }
@@ -140,7 +140,7 @@ impl Shared {
     pub fn note_not_modelled(&mut self, switched_on: u32, features: &[(u32, &str)]) {
         for &(bit, name) in features {
             if switched_on & bit != 0 {
-                self.note(Kind::NotModelled, name);
+                self.note(FindingKind::NotModelled, name);
             }
         }
     }

@@ -12,7 +12,7 @@ use super::map::Unit;
 use super::pin::Signal;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
 // CR1.
@@ -108,10 +108,10 @@ impl Spi {
         shared.note_not_modelled(changed & value, &features);
         if self.shift.is_some() && changed & (SHAPE | SPE) != 0 {
             let text = "SPI1: CR1 changed while a word is on its way (BSY)";
-            shared.note(Kind::Forbidden, text);
+            shared.note(FindingKind::Forbidden, text);
         } else if self.cr1 & value & SPE != 0 && changed & DFF != 0 {
             shared.note(
-                Kind::Forbidden,
+                FindingKind::Forbidden,
                 "SPI1: length of words changed while enabled",
             );
         }
@@ -128,7 +128,7 @@ impl Spi {
 
     fn enable(&mut self, shared: &mut Shared) {
         if self.cr1 & MSTR == 0 {
-            return shared.note(Kind::NotModelled, "SPI1: as a slave");
+            return shared.note(FindingKind::NotModelled, "SPI1: as a slave");
         }
         if !std::mem::replace(&mut self.placed, true) {
             for signal in [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi] {
@@ -138,7 +138,7 @@ impl Spi {
         let hz = shared.clocks.hclk_hz / self.period(shared);
         if hz > CLOCK_LIMIT {
             let text = format!("SPI1: {hz} Hz, {CLOCK_LIMIT} Hz at most");
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
         }
     }
 
@@ -149,7 +149,7 @@ impl Spi {
         }
         if self.cr1 & SSM == 0 {
             if self.cr2 & SSOE == 0 {
-                shared.note(Kind::NotModelled, "SPI1: NSS as an input");
+                shared.note(FindingKind::NotModelled, "SPI1: NSS as an input");
             }
         } else if self.cr1 & SSI == 0 {
             self.sr |= MODF;
@@ -160,11 +160,11 @@ impl Spi {
 
     fn write_data(&mut self, value: u16, shared: &mut Shared) {
         if self.cr1 & SPE == 0 {
-            shared.note(Kind::Forbidden, "SPI1: DR written while disabled");
+            shared.note(FindingKind::Forbidden, "SPI1: DR written while disabled");
         }
         if self.waiting.is_some() {
             shared.note(
-                Kind::Lost,
+                FindingKind::Lost,
                 "SPI1: DR written while the transmit buffer is full",
             );
         }
@@ -192,11 +192,11 @@ impl Spi {
         let bits = self.bits();
         let mask = if bits == 8 { 0xff } else { 0xffff };
         let end = shared.base.time_of(shift.end);
-        let word = shared.world().spi(shift.word & mask, bits, end) & mask;
+        let word = shared.circuit().spi(shift.word & mask, bits, end) & mask;
         if self.sr & RXNE != 0 {
             self.sr |= OVR;
             self.overrun_read = false;
-            shared.note(Kind::Lost, "SPI1: overrun");
+            shared.note(FindingKind::Lost, "SPI1: overrun");
             return;
         }
         self.received = word;
@@ -264,9 +264,9 @@ impl Peripheral for Spi {
             0x08 => {}
             0x0c => self.write_data(value as u16, shared),
             0x10 => self.polynomial = value & 0xffff,
-            0x1c if value & 0xc00 != 0 => shared.note(Kind::NotModelled, "SPI1: I2S"),
+            0x1c if value & 0xc00 != 0 => shared.note(FindingKind::NotModelled, "SPI1: I2S"),
             0x1c | 0x20 => {}
-            _ => shared.note(Kind::Forbidden, "SPI1: a read-only register written"),
+            _ => shared.note(FindingKind::Forbidden, "SPI1: a read-only register written"),
         }
         self.load(shared);
         self.plan(shared);

@@ -6,7 +6,7 @@ use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 use std::any::Any;
 
@@ -16,13 +16,13 @@ pub(crate) fn shared() -> Shared {
 }
 
 /// A peripheral under test, accessed through its registers.
-pub(crate) struct Bench<P> {
+pub(crate) struct PeripheralBench<P> {
     pub part: P,
     pub shared: Shared,
     unit: Unit,
 }
 
-impl<P: Peripheral> Bench<P> {
+impl<P: Peripheral> PeripheralBench<P> {
     /// A peripheral in a chip with `circuit`, at 168 MHz with APB dividers 4 and 2.
     pub fn around(circuit: impl Circuit, unit: Unit, part: P) -> Self {
         let mut shared = Shared::new(Box::new(circuit), 0);
@@ -50,8 +50,8 @@ impl<P: Peripheral> Bench<P> {
     }
 
     /// Circuit around the chip.
-    pub fn world<T: Circuit>(&mut self) -> &mut T {
-        let any: &mut dyn Any = self.shared.world();
+    pub fn circuit<T: Circuit>(&mut self) -> &mut T {
+        let any: &mut dyn Any = self.shared.circuit();
         any.downcast_mut().expect("the circuit of the bench")
     }
 
@@ -77,7 +77,7 @@ impl Shared {
         due <= end
     }
 
-    pub fn kinds(&self) -> Vec<Kind> {
+    pub fn kinds(&self) -> Vec<FindingKind> {
         self.findings
             .list()
             .iter()

@@ -10,14 +10,14 @@ use std::collections::VecDeque;
 
 /// A circuit with scheduled changes and a voltage for each channel; records the chip's drives and SPI words.
 #[derive(Clone, Default)]
-struct World {
+struct ScriptedCircuit {
     due: VecDeque<(Time, Change)>,
     volts: Option<f64>,
-    heard: Vec<(Time, Pin, Drive)>,
+    drives: Vec<(Time, Pin, Drive)>,
     words: Vec<u16>,
 }
 
-impl World {
+impl ScriptedCircuit {
     /// 12-bit count of the voltage at a pin of port A.
     fn count(pin: Pin) -> u32 {
         300 + 500 * pin.number()
@@ -31,9 +31,9 @@ enum Change {
     Pin(Pin, Drive),
 }
 
-impl Circuit for World {
+impl Circuit for ScriptedCircuit {
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
-        self.heard.push((at, pin, drive));
+        self.drives.push((at, pin, drive));
     }
 
     fn voltage(&mut self, pin: Pin, _at: Time) -> f64 {
@@ -67,7 +67,7 @@ impl Circuit for World {
 }
 
 /// A chip without a core, accessed over its bus.
-struct Bench {
+struct ChipBench {
     chip: Chip,
     cycle: Cycles,
 }
@@ -79,23 +79,23 @@ const FLASH_KEYR: u32 = 0x4002_3c04;
 const GPIOB: u32 = 0x4002_0400;
 const PB13: Pin = Pin::new('B', 13);
 
-impl Bench {
+impl ChipBench {
     /// A bench with scheduled changes, times in µs.
     fn new(changes: &[(u64, Change)]) -> Self {
         let due = changes.iter();
         let due = due.map(|(at, change)| (Time::from_micros(*at), *change));
-        let world = World {
+        let circuit = ScriptedCircuit {
             due: due.collect(),
-            ..World::default()
+            ..ScriptedCircuit::default()
         };
         Self {
-            chip: Chip::new(Box::new(world), 0),
+            chip: Chip::new(Box::new(circuit), 0),
             cycle: 0,
         }
     }
 
-    fn world(&mut self) -> &mut World {
-        self.chip.circuit().expect("the world")
+    fn circuit(&mut self) -> &mut ScriptedCircuit {
+        self.chip.circuit().expect("the scripted circuit")
     }
 
     fn read(&mut self, address: u32) -> u32 {
@@ -128,15 +128,15 @@ impl Bench {
     /// Advances by `micros` µs, through resets; returns the latest reset cause.
     fn pass(&mut self, micros: u64) -> Option<Cause> {
         let end = self.chip.time_of(self.cycle) + Time::from_micros(micros);
-        let mut seen = None;
+        let mut latest = None;
         loop {
             let until = self.chip.cycle_of(end);
             if self.cycle >= until {
-                return seen;
+                return latest;
             }
             let next = self.chip.advance(self.cycle, until);
             if let Some(cause) = self.chip.take_reset() {
-                seen = Some(cause);
+                latest = Some(cause);
                 self.chip.restart(cause, self.cycle);
             } else {
                 self.cycle = next.clamp(self.cycle + 1, until);
@@ -164,8 +164,8 @@ impl Bench {
 
     /// Latest change of a pin's drive by the chip.
     fn last_drive(&mut self) -> Option<(Pin, Drive)> {
-        let heard = self.world().heard.last()?;
-        Some((heard.1, heard.2))
+        let change = self.circuit().drives.last()?;
+        Some((change.1, change.2))
     }
 
     fn unlock(&mut self) {
@@ -177,7 +177,7 @@ impl Bench {
         self.read(RCC + 0x74) >> 24
     }
 
-    fn findings(&self) -> Vec<(Kind, &str)> {
+    fn findings(&self) -> Vec<(FindingKind, &str)> {
         let list = self.chip.findings().list();
         list.iter().map(|f| (f.kind, f.text.as_str())).collect()
     }
@@ -185,7 +185,7 @@ impl Bench {
 
 #[test]
 fn core_is_released_after_power_on_and_clock_reaches_168_mhz() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     assert!(bench.chip.is_held());
     bench.pass(1_501);
     assert!(!bench.chip.is_held());
@@ -213,8 +213,8 @@ fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
         (6, 2.6, 0),
     ];
     for (acr, volts, findings) in cases {
-        let mut bench = Bench::new(&[]);
-        bench.world().volts = Some(volts);
+        let mut bench = ChipBench::new(&[]);
+        bench.circuit().volts = Some(volts);
         bench.pass(1_600);
         bench.chip.restart(Cause::Pin, bench.cycle);
         bench.run_at_168_mhz();
@@ -230,16 +230,16 @@ fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
 
 #[test]
 fn regulator_scale_2_at_168_mhz_is_a_finding() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     bench.run_at_168_mhz();
     bench.set(RCC + 0x40, 1 << 28);
     bench.write(PWR, 0);
-    assert_eq!(bench.findings()[0].0, Kind::ClockLimit);
+    assert_eq!(bench.findings()[0].0, FindingKind::ClockLimit);
 }
 
 #[test]
 fn crystal_failure_raises_the_nmi_and_switches_to_the_internal_oscillator() {
-    let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+    let mut bench = ChipBench::new(&[(10_000, Change::Crystal(false))]);
     bench.run_at_168_mhz();
     bench.set(RCC, 1 << 19);
     bench.pass(10_000);
@@ -253,7 +253,7 @@ fn crystal_failure_raises_the_nmi_and_switches_to_the_internal_oscillator() {
 
 #[test]
 fn crystal_failure_without_clock_security_stalls_until_the_watchdog_resets() {
-    let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+    let mut bench = ChipBench::new(&[(10_000, Change::Crystal(false))]);
     bench.run_at_168_mhz();
     bench.write(0x4000_3000, 0xcccc);
     assert_eq!(bench.pass(500_000), None);
@@ -267,7 +267,7 @@ fn crystal_failure_without_clock_security_stalls_until_the_watchdog_resets() {
 
 #[test]
 fn brown_out_releases_the_pins_until_the_supply_recovers() {
-    let mut bench = Bench::new(&[
+    let mut bench = ChipBench::new(&[
         (10_000, Change::Supply(1.9)),
         (11_000, Change::Supply(1.65)),
         (12_000, Change::Supply(1.71)),
@@ -292,7 +292,7 @@ fn brown_out_releases_the_pins_until_the_supply_recovers() {
 /// The supply fails just before an access of an instruction that began earlier.
 #[test]
 fn access_after_a_brown_out_is_no_finding() {
-    let mut bench = Bench::new(&[(10_000, Change::Supply(1.6))]);
+    let mut bench = ChipBench::new(&[(10_000, Change::Supply(1.6))]);
     bench.pass(2_000);
     bench.drive();
     bench.pass(7_999);
@@ -305,7 +305,7 @@ fn access_after_a_brown_out_is_no_finding() {
 #[test]
 fn memory_loses_its_content_below_the_retention_voltage() {
     let changes = [(10_000, Change::Supply(1.0)), (20_000, Change::Supply(3.3))];
-    let mut bench = Bench::new(&changes);
+    let mut bench = ChipBench::new(&changes);
     for k in 0..16 {
         bench.write(SRAM + 4 * k, 0);
     }
@@ -316,7 +316,7 @@ fn memory_loses_its_content_below_the_retention_voltage() {
 
 #[test]
 fn configured_brown_out_level_holds_the_chip_in_reset() {
-    let mut bench = Bench::new(&[
+    let mut bench = ChipBench::new(&[
         (10_000, Change::Supply(2.7)),
         (20_000, Change::Supply(3.0)),
         (40_000, Change::Supply(1.0)),
@@ -339,12 +339,15 @@ fn configured_brown_out_level_holds_the_chip_in_reset() {
 
 #[test]
 fn peripheral_held_in_reset_has_reset_values_and_access_is_a_finding() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     bench.drive();
     bench.write(RCC + 0x10, 2);
     assert_eq!(bench.last_drive(), Some((PB13, Drive::Open)));
     bench.read(GPIOB);
-    let held = (Kind::Forbidden, "GPIOB: the program holds it in reset");
+    let held = (
+        FindingKind::Forbidden,
+        "GPIOB: the program holds it in reset",
+    );
     assert_eq!(bench.findings(), [held]);
     bench.write(RCC + 0x10, 0);
     assert_eq!(bench.read(GPIOB), 0x280);
@@ -355,7 +358,7 @@ fn peripheral_held_in_reset_has_reset_values_and_access_is_a_finding() {
 fn an_access_right_after_the_clock_was_switched_on_is_found() {
     const WWDG_CR: u32 = 0x4000_2c00;
     let early = |cycles: u64, barrier: bool| {
-        let mut bench = Bench::new(&[]);
+        let mut bench = ChipBench::new(&[]);
         bench.write_alone(RCC + 0x40, 1 << 11);
         if barrier {
             bench.chip.synchronise();
@@ -371,7 +374,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
     // Nine instructions between the two accesses are not a sufficient delay.
     let found = early(9, false);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!(found[0].0, Kind::Forbidden);
+    assert_eq!(found[0].0, FindingKind::Forbidden);
     assert!(found[0].1.starts_with("WWDG: accessed"), "{found:?}");
     assert_eq!(early(100, false), []);
     assert_eq!(early(0, true), []);
@@ -379,7 +382,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
 
 #[test]
 fn wrong_flash_key_is_a_bus_error_and_locks_until_reset() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     let key = Transfer::word(FLASH_KEYR, 0);
     let wrong = bench.chip.write(key, 1, &mut bench.cycle);
     assert_eq!(wrong, Err(BusError));
@@ -390,7 +393,7 @@ fn wrong_flash_key_is_a_bus_error_and_locks_until_reset() {
 
 #[test]
 fn flash_write_stalls_the_core_and_reports_changed_code() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     bench.chip.take_changed_code();
     bench.unlock();
     bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
@@ -406,20 +409,20 @@ fn flash_write_stalls_the_core_and_reports_changed_code() {
 
 #[test]
 fn unmodelled_peripheral_is_a_finding_and_unmapped_address_a_bus_error() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     assert_eq!(bench.read(0x4001_1000), 0);
     bench.write(0x4000_5400, 1);
     let nowhere = Transfer::word(0x3000_0000, 0);
     let nothing = bench.chip.read(nowhere, &mut bench.cycle);
     assert_eq!(nothing, Err(BusError));
     let kinds = bench.chip.shared.kinds();
-    assert_eq!(kinds[..2], [Kind::NotModelled; 2]);
-    assert_eq!(kinds[2..], [Kind::Unmapped]);
+    assert_eq!(kinds[..2], [FindingKind::NotModelled; 2]);
+    assert_eq!(kinds[2..], [FindingKind::Unmapped]);
 }
 
 #[test]
 fn backup_domain_write_needs_dbp() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     for written in [0, 0x8200] {
         bench.write(RCC + 0x70, 0x8200);
         assert_eq!(bench.read(RCC + 0x70), written);
@@ -432,7 +435,7 @@ fn backup_domain_write_needs_dbp() {
 #[test]
 fn halted_core_stops_the_watchdog_if_dbgmcu_says_so() {
     for (stops, cause) in [(false, Some(Cause::Watchdog)), (true, None)] {
-        let mut bench = Bench::new(&[]);
+        let mut bench = ChipBench::new(&[]);
         bench.write(0xe004_2008, u32::from(stops) << 12);
         bench.write(0x4000_3000, 0xcccc);
         bench.chip.halt(true, bench.cycle);
@@ -443,7 +446,7 @@ fn halted_core_stops_the_watchdog_if_dbgmcu_says_so() {
 #[test]
 fn same_seed_gives_the_same_memory_and_identifier() {
     let memory = |seed: u64| {
-        let mut bench = Bench::new(&[]);
+        let mut bench = ChipBench::new(&[]);
         bench.chip.set_variation(ChipVariation {
             seed,
             ..ChipVariation::default()
@@ -462,7 +465,7 @@ fn crystal_failure_clears_moe_of_tim1_if_break_is_enabled() {
     // The input is not connected: with this polarity it is inactive.
     const BKP: u32 = 1 << 13;
     for (bdtr, goes_on) in [(MOE | BKP, true), (MOE | BKP | BKE, false)] {
-        let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
+        let mut bench = ChipBench::new(&[(10_000, Change::Crystal(false))]);
         bench.run_at_168_mhz();
         bench.set(RCC, 1 << 19);
         bench.set(RCC + 0x44, 1);
@@ -475,7 +478,7 @@ fn crystal_failure_clears_moe_of_tim1_if_break_is_enabled() {
 
 #[test]
 fn flash_control_write_stalls_until_the_operation_ends() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ChipBench::new(&[]);
     bench.unlock();
     bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);
     bench.write(FLASH, 0);

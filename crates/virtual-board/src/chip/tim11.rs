@@ -10,7 +10,7 @@
 use super::Peripheral;
 use super::register::{Register, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, Time};
 
 #[rustfmt::skip]
@@ -141,7 +141,7 @@ impl Peripheral for Tim11 {
                 && !(self.reg(CCMR1) & 3 == 1 && self.reg(OR) == HSE_RTC);
         if outside {
             shared.note(
-                Kind::NotModelled,
+                FindingKind::NotModelled,
                 "TIM11: all but captures of the divided crystal",
             );
         }
@@ -210,7 +210,7 @@ mod tests {
         for (offset, value) in [(DIER, 2), (CCER, 1)] {
             let mut shared = shared();
             Tim11::default().write(offset, value, !0, &mut shared);
-            assert_eq!(shared.kinds(), [Kind::NotModelled]);
+            assert_eq!(shared.kinds(), [FindingKind::NotModelled]);
         }
     }
 }

@@ -7,7 +7,7 @@ use super::map::Unit;
 use super::pin::Signal;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
 // SR.
@@ -56,7 +56,7 @@ pub(crate) struct Usart {
     cr3: u32,
     gtpr: u32,
     /// Flags that were set when SR was read.
-    seen: u32,
+    flags_read: u32,
     received: u8,
     waiting: Option<u8>,
     /// Frame on the line and the cycle of its end; without a byte: the idle frame of a transmitter just enabled.
@@ -82,7 +82,7 @@ impl Usart {
         self.idle = shared.now + self.frame(shared);
         if self.sr & RXNE != 0 {
             self.sr |= ORE;
-            shared.note(Kind::Lost, "USART3: overrun");
+            shared.note(FindingKind::Lost, "USART3: overrun");
         } else {
             self.received = byte;
             self.sr |= RXNE;
@@ -111,7 +111,10 @@ impl Usart {
         ];
         shared.note_not_modelled(changed & value, &features);
         if self.shift.is_some() && changed & UE != 0 {
-            shared.note(Kind::Forbidden, "USART3: CR1 changed during a transmission");
+            shared.note(
+                FindingKind::Forbidden,
+                "USART3: CR1 changed during a transmission",
+            );
         }
         self.cr1 = value;
         if value & UE == 0 {
@@ -128,7 +131,10 @@ impl Usart {
     /// Handles enabling of the transmitter or the receiver.
     fn begin(&mut self, changed: u32, shared: &mut Shared) {
         if changed & (TE | RE) != 0 && self.cr1 & (TE | RE) != 0 && self.brr < 16 {
-            shared.note(Kind::Forbidden, "USART3: enabled with a divider below 16");
+            shared.note(
+                FindingKind::Forbidden,
+                "USART3: enabled with a divider below 16",
+            );
         }
         if changed & self.cr1 & TE != 0 {
             shared.effect(Effect::Uses(Signal::Usart3Tx));
@@ -142,10 +148,10 @@ impl Usart {
 
     fn write_data(&mut self, value: u8, shared: &mut Shared) {
         if self.cr1 & (UE | TE) != UE | TE {
-            return shared.note(Kind::Forbidden, "USART3: DR written while disabled");
+            return shared.note(FindingKind::Forbidden, "USART3: DR written while disabled");
         }
         if self.waiting.is_some() {
-            shared.note(Kind::Lost, "USART3: DR written while it is full");
+            shared.note(FindingKind::Lost, "USART3: DR written while it is full");
         }
         self.waiting = Some(value);
         self.sr &= !TC;
@@ -169,7 +175,7 @@ impl Usart {
     }
 
     /// Repeats the DMA requests that are still pending.
-    pub fn ask(&self, shared: &mut Shared) {
+    pub fn request_dma(&self, shared: &mut Shared) {
         self.request_receive(shared);
         self.request_transmit(shared);
     }
@@ -231,11 +237,11 @@ impl Peripheral for Usart {
     fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {
         match offset {
             0x00 => {
-                self.seen = self.sr & BY_READING;
+                self.flags_read = self.sr & BY_READING;
                 self.status()
             }
             0x04 => {
-                self.sr &= !(RXNE | std::mem::take(&mut self.seen));
+                self.sr &= !(RXNE | std::mem::take(&mut self.flags_read));
                 self.plan(shared);
                 self.received.into()
             }
@@ -254,7 +260,10 @@ impl Peripheral for Usart {
             0x04 => self.write_data(value as u8, shared),
             0x08 => {
                 if self.shift.is_some() {
-                    shared.note(Kind::Forbidden, "USART3: BRR changed during a transmission");
+                    shared.note(
+                        FindingKind::Forbidden,
+                        "USART3: BRR changed during a transmission",
+                    );
                 }
                 self.brr = merge(self.brr, value, mask) & 0xffff;
             }
@@ -277,7 +286,7 @@ impl Peripheral for Usart {
             self.shift = None;
             if let Some(byte) = byte {
                 let at = shared.time();
-                shared.world().serial(byte, at);
+                shared.circuit().serial(byte, at);
             }
             if self.waiting.is_none() && byte.is_some() {
                 self.sr |= TC;

@@ -11,7 +11,7 @@ use super::effect::Effect;
 use super::map::Unit;
 use super::register::{Register, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::Time;
 
 const REGISTERS: &[Register] = &[
@@ -40,7 +40,7 @@ impl Slow {
     fn write(&mut self, value: u32, name: &str, shared: &mut Shared) {
         if self.next.is_some() {
             let text = format!("IWDG_{name} written before the last write was taken over");
-            return shared.note(Kind::Forbidden, text);
+            return shared.note(FindingKind::Forbidden, text);
         }
         self.next = Some((value, shared.time() + shared.variation.slow(UPDATE)));
     }
@@ -63,7 +63,7 @@ pub(crate) struct Watchdog {
     reload: Slow,
     open: bool,
     /// Time of the reset, once the watchdog has started.
-    bites: Option<Time>,
+    reset_at: Option<Time>,
     /// Time left until the reset when a debugger halted the core.
     frozen: Option<Time>,
 }
@@ -74,7 +74,7 @@ impl Default for Watchdog {
             prescaler: Slow::new(0),
             reload: Slow::new(0xfff),
             open: false,
-            bites: None,
+            reset_at: None,
             frozen: None,
         }
     }
@@ -83,7 +83,7 @@ impl Default for Watchdog {
 impl Watchdog {
     /// Starts the watchdog; no effect if it runs.
     fn start(&mut self, shared: &mut Shared) {
-        if self.bites.is_none() {
+        if self.reset_at.is_none() {
             self.count_from(0xfff, shared);
         }
     }
@@ -91,9 +91,9 @@ impl Watchdog {
     /// Stops the watchdog while a debugger halts the core, or resumes it.
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         if frozen && self.frozen.is_none() {
-            self.frozen = self.bites.map(|at| at - shared.time());
+            self.frozen = self.reset_at.map(|at| at - shared.time());
         } else if !frozen && let Some(left) = self.frozen.take() {
-            self.bites = Some(shared.time() + left);
+            self.reset_at = Some(shared.time() + left);
         }
         self.plan(shared);
     }
@@ -109,16 +109,16 @@ impl Watchdog {
         if self.frozen.is_some() {
             self.frozen = Some(span);
         } else {
-            self.bites = Some(shared.time() + span);
+            self.reset_at = Some(shared.time() + span);
         }
         self.plan(shared);
     }
 
     fn plan(&self, shared: &mut Shared) {
-        let bites = self.bites.filter(|_| self.frozen.is_none());
+        let reset_at = self.reset_at.filter(|_| self.frozen.is_none());
         let updates = [self.prescaler.next, self.reload.next];
         let updates = updates.into_iter().flatten().map(|(_, at)| at);
-        let next = updates.chain(bites).min().unwrap_or(Time::NEVER);
+        let next = updates.chain(reset_at).min().unwrap_or(Time::NEVER);
         let cycle = shared.base.cycle_of(next);
         shared.schedule(Unit::Iwdg, cycle);
     }
@@ -147,25 +147,25 @@ impl Peripheral for Watchdog {
             (0x00, _) => {
                 self.open = false;
                 match value {
-                    0xaaaa if self.bites.is_some() => self.count_from(self.reload.value, shared),
+                    0xaaaa if self.reset_at.is_some() => self.count_from(self.reload.value, shared),
                     0xcccc => self.start(shared),
                     _ => {}
                 }
             }
             (0x04 | 0x08, _) if !self.open => {
-                shared.note(Kind::Forbidden, "IWDG written without its key");
+                shared.note(FindingKind::Forbidden, "IWDG written without its key");
             }
             (0x04, _) => self.prescaler.write(value & 7, "PR", shared),
             (0x08, _) => self.reload.write(value & 0xfff, "RLR", shared),
-            _ => shared.note(Kind::Forbidden, "IWDG_SR is read only"),
+            _ => shared.note(FindingKind::Forbidden, "IWDG_SR is read only"),
         }
         self.plan(shared);
     }
 
     fn event(&mut self, shared: &mut Shared) {
         let now = shared.time();
-        if self.frozen.is_none() && self.bites.is_some_and(|at| at <= now) {
-            shared.note(Kind::Reset, "by the independent watchdog");
+        if self.frozen.is_none() && self.reset_at.is_some_and(|at| at <= now) {
+            shared.note(FindingKind::Reset, "by the independent watchdog");
             return shared.effect(Effect::Reset(Cause::Watchdog));
         }
         let before = self.divider();
@@ -173,7 +173,7 @@ impl Peripheral for Watchdog {
             // The remaining counts have another period.
             let after = self.divider();
             let scale = |left: Time| Time(left.0 / before * after);
-            self.bites = self.bites.map(|at| now + scale(at - now));
+            self.reset_at = self.reset_at.map(|at| now + scale(at - now));
             self.frozen = self.frozen.map(scale);
         }
         self.reload.settle(now);
@@ -231,13 +231,16 @@ mod tests {
         assert_eq!(shared.due(Unit::Iwdg), fed + 12_000_000);
         shared.base.set_frequency(fed + 4_000_000, 168_000_000);
         dog.clocks_changed(&mut shared);
-        let bites = shared.due(Unit::Iwdg);
-        assert!(bites.abs_diff(fed + 4_000_000 + 84_000_000) <= 1, "{bites}");
-        shared.now = bites;
+        let reset_at = shared.due(Unit::Iwdg);
+        assert!(
+            reset_at.abs_diff(fed + 4_000_000 + 84_000_000) <= 1,
+            "{reset_at}"
+        );
+        shared.now = reset_at;
         dog.event(&mut shared);
         assert_eq!(shared.effects.back(), Some(&Effect::Reset(Cause::Watchdog)));
         dog.write(0x08, 1, !0, &mut shared);
-        assert_eq!(shared.kinds(), [Kind::Reset, Kind::Forbidden]);
+        assert_eq!(shared.kinds(), [FindingKind::Reset, FindingKind::Forbidden]);
     }
 
     #[test]

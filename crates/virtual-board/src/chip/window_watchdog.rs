@@ -12,7 +12,7 @@ use super::effect::Effect;
 use super::map::Unit;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
 const REGISTERS: &[Register] = &[
@@ -38,7 +38,7 @@ pub(crate) struct WindowWatchdog {
     /// Core cycles in one count.
     period: Cycles,
     /// Cycle of the reset, while the watchdog runs.
-    bites: Option<Cycles>,
+    reset_at: Option<Cycles>,
     /// Cycles left until the reset, while the watchdog is stopped.
     left: Option<Cycles>,
     gated: bool,
@@ -52,7 +52,7 @@ impl Default for WindowWatchdog {
             configuration: COUNT,
             active: false,
             period: 1,
-            bites: None,
+            reset_at: None,
             left: None,
             gated: true,
             frozen: false,
@@ -75,12 +75,12 @@ impl WindowWatchdog {
 
     fn plan(&mut self, shared: &mut Shared) {
         let stands = self.gated || self.frozen;
-        if stands && let Some(at) = self.bites.take() {
+        if stands && let Some(at) = self.reset_at.take() {
             self.left = Some(at.saturating_sub(shared.now));
         } else if !stands && let Some(left) = self.left.take() {
-            self.bites = Some(shared.now + left);
+            self.reset_at = Some(shared.now + left);
         }
-        shared.schedule(Unit::Wwdg, self.bites.unwrap_or(NEVER));
+        shared.schedule(Unit::Wwdg, self.reset_at.unwrap_or(NEVER));
     }
 
     /// Core cycles in one count at the present clocks.
@@ -90,7 +90,7 @@ impl WindowWatchdog {
 
     /// Present count.
     fn counted(&self, now: Cycles) -> u32 {
-        let left = match (self.bites, self.left) {
+        let left = match (self.reset_at, self.left) {
             (Some(at), _) => at.saturating_sub(now),
             (_, Some(left)) => left,
             _ => return self.count,
@@ -99,7 +99,7 @@ impl WindowWatchdog {
     }
 
     fn bite(shared: &mut Shared) {
-        shared.note(Kind::Reset, "by the window watchdog");
+        shared.note(FindingKind::Reset, "by the window watchdog");
         shared.effect(Effect::Reset(Cause::WindowWatchdog));
     }
 
@@ -108,7 +108,7 @@ impl WindowWatchdog {
         let (before, now) = (self.period, shared.now);
         self.period = self.cycles(shared);
         let scale = |left: Cycles| left * self.period / before;
-        self.bites = self.bites.map(|at| now + scale(at.saturating_sub(now)));
+        self.reset_at = self.reset_at.map(|at| now + scale(at.saturating_sub(now)));
         self.left = self.left.map(scale);
         self.plan(shared);
     }
@@ -125,7 +125,7 @@ impl WindowWatchdog {
         }
         self.period = self.cycles(shared);
         let counts = u64::from(self.count + 1 - LOWEST);
-        (self.bites, self.left) = (None, Some(counts * self.period));
+        (self.reset_at, self.left) = (None, Some(counts * self.period));
         self.plan(shared);
     }
 }
@@ -149,7 +149,7 @@ impl Peripheral for WindowWatchdog {
             0x04 => {
                 self.configuration = merge(self.configuration, value, mask);
                 if value & EWI != 0 {
-                    shared.note(Kind::NotModelled, "WWDG: early wake-up interrupt");
+                    shared.note(FindingKind::NotModelled, "WWDG: early wake-up interrupt");
                 }
                 self.stretch(shared);
             }
@@ -158,8 +158,8 @@ impl Peripheral for WindowWatchdog {
     }
 
     fn event(&mut self, shared: &mut Shared) {
-        if self.bites.is_some_and(|at| at <= shared.now) {
-            self.bites = None;
+        if self.reset_at.is_some_and(|at| at <= shared.now) {
+            self.reset_at = None;
             return Self::bite(shared);
         }
         self.plan(shared);
@@ -259,6 +259,6 @@ mod tests {
     fn early_wake_up_is_a_finding() {
         let mut shared = shared();
         WindowWatchdog::default().write(0x04, EWI, !0, &mut shared);
-        assert_eq!(shared.kinds(), [Kind::NotModelled]);
+        assert_eq!(shared.kinds(), [FindingKind::NotModelled]);
     }
 }

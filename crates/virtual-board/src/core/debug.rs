@@ -77,7 +77,7 @@ impl Core {
         if let Some(watch) = hit {
             let address = watch.address;
             self.stop = Some(Stop::Watchpoint { address, pc, write });
-            self.attend = true;
+            self.check_needed = true;
         }
     }
 }

@@ -5,46 +5,46 @@ use super::instruction::{
 };
 
 /// Operation of a data-processing instruction.
-enum Kind {
+enum DataOperation {
     Alu(Alu),
     Test(Test),
 }
 
 /// Operation from its code and registers. With destination 15 and flags set, AND, EOR, ADD and SUB are the tests TST,
 /// TEQ, CMN and CMP.
-fn kind(operation: u32, d: u32, n: u32, s: bool) -> Option<Kind> {
+fn data_operation(operation: u32, d: u32, n: u32, s: bool) -> Option<DataOperation> {
     let or_test = |alu, test| {
         if d == 15 && s {
-            Kind::Test(test)
+            DataOperation::Test(test)
         } else {
-            Kind::Alu(alu)
+            DataOperation::Alu(alu)
         }
     };
     Some(match operation {
         0 => or_test(Alu::And, Test::Tst),
-        1 => Kind::Alu(Alu::Bic),
-        2 if n == 15 => Kind::Alu(Alu::Mov),
-        2 => Kind::Alu(Alu::Orr),
-        3 if n == 15 => Kind::Alu(Alu::Mvn),
-        3 => Kind::Alu(Alu::Orn),
+        1 => DataOperation::Alu(Alu::Bic),
+        2 if n == 15 => DataOperation::Alu(Alu::Mov),
+        2 => DataOperation::Alu(Alu::Orr),
+        3 if n == 15 => DataOperation::Alu(Alu::Mvn),
+        3 => DataOperation::Alu(Alu::Orn),
         4 => or_test(Alu::Eor, Test::Teq),
         8 => or_test(Alu::Add, Test::Cmn),
-        10 => Kind::Alu(Alu::Adc),
-        11 => Kind::Alu(Alu::Sbc),
+        10 => DataOperation::Alu(Alu::Adc),
+        11 => DataOperation::Alu(Alu::Sbc),
         13 => or_test(Alu::Sub, Test::Cmp),
-        14 => Kind::Alu(Alu::Rsb),
+        14 => DataOperation::Alu(Alu::Rsb),
         _ => return None,
     })
 }
 
 /// True if registers d and n are allowed; the stack pointer is allowed only where the manual says so.
-fn allowed(kind: &Kind, d: u32, n: u32) -> bool {
-    match kind {
-        Kind::Alu(Alu::Add | Alu::Sub) if n == 13 => d != 15,
-        Kind::Alu(Alu::Mov | Alu::Mvn) => !bad(d),
-        Kind::Alu(_) => !bad(d) && !bad(n),
-        Kind::Test(Test::Cmp | Test::Cmn) => n != 15,
-        Kind::Test(_) => !bad(n),
+fn allowed(operation: &DataOperation, d: u32, n: u32) -> bool {
+    match operation {
+        DataOperation::Alu(Alu::Add | Alu::Sub) if n == 13 => d != 15,
+        DataOperation::Alu(Alu::Mov | Alu::Mvn) => !bad(d),
+        DataOperation::Alu(_) => !bad(d) && !bad(n),
+        DataOperation::Test(Test::Cmp | Test::Cmn) => n != 15,
+        DataOperation::Test(_) => !bad(n),
     }
 }
 
@@ -70,19 +70,19 @@ fn expand(h: u32, g: u32) -> Option<(u32, u32)> {
 /// Data processing with a modified constant.
 pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
     let (n, d, s) = (h & 15, g >> 8 & 15, h & 0x10 != 0);
-    let Some(kind) = kind(h >> 5 & 15, d, n, s) else {
+    let Some(operation) = data_operation(h >> 5 & 15, d, n, s) else {
         return UNDEFINED;
     };
-    let Some((imm, carry)) = expand(h, g).filter(|_| allowed(&kind, d, n)) else {
+    let Some((imm, carry)) = expand(h, g).filter(|_| allowed(&operation, d, n)) else {
         return UNPREDICTABLE;
     };
-    let alu = match kind {
-        Kind::Alu(alu) => alu,
-        Kind::Test(Test::Cmp) => return Insn::regs(Op::CmpImm, 0, n, 0).with_imm(imm),
-        Kind::Test(Test::Tst) => {
+    let alu = match operation {
+        DataOperation::Alu(alu) => alu,
+        DataOperation::Test(Test::Cmp) => return Insn::regs(Op::CmpImm, 0, n, 0).with_imm(imm),
+        DataOperation::Test(Test::Tst) => {
             return Insn::regs(Op::TstImm, 0, n, 0).with(imm, carry);
         }
-        Kind::Test(test) => {
+        DataOperation::Test(test) => {
             return Insn::regs(Op::TestImm(test), 0, n, 0).with(imm, carry);
         }
     };
@@ -172,7 +172,7 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
     if operation == 6 {
         return pack(h, g, amount);
     }
-    let Some(kind) = kind(operation, d, n, s) else {
+    let Some(operation) = data_operation(operation, d, n, s) else {
         return UNDEFINED;
     };
     if g & 0x8000 != 0 {
@@ -185,7 +185,7 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
         _ => (kind_bits as u8, amount),
     };
     let plain = shift == 0 && amount == 0;
-    if let Kind::Alu(Alu::Mov) = kind
+    if let DataOperation::Alu(Alu::Mov) = operation
         && (d == 13 || m == 13)
     {
         return match (plain && !s && d != 15 && m != 15, d, m) {
@@ -195,14 +195,14 @@ pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
             _ => UNPREDICTABLE,
         };
     }
-    if !allowed(&kind, d, n) || bad(m) {
+    if !allowed(&operation, d, n) || bad(m) {
         return UNPREDICTABLE;
     }
-    let alu = match kind {
-        Kind::Alu(alu) => alu,
-        Kind::Test(Test::Cmp) if plain => return Insn::regs(Op::CmpReg, 0, n, m),
-        Kind::Test(test) if plain => return Insn::regs(Op::TestReg(test), 0, n, m),
-        Kind::Test(test) => {
+    let alu = match operation {
+        DataOperation::Alu(alu) => alu,
+        DataOperation::Test(Test::Cmp) if plain => return Insn::regs(Op::CmpReg, 0, n, m),
+        DataOperation::Test(test) if plain => return Insn::regs(Op::TestReg(test), 0, n, m),
+        DataOperation::Test(test) => {
             return Insn::regs(Op::TestShift(test), 0, n, m).with(amount, u32::from(shift));
         }
     };

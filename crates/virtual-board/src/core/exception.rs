@@ -3,7 +3,7 @@
 use super::nvic::exception as number;
 use super::scb::{ccr, cfsr, hfsr, scr};
 use super::{Core, NO_LINE, Sleep, Stop, System, Transfer, timing};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 /// Result of an instruction, or the trap that stopped it.
 pub(super) type Done<T = ()> = Result<T, Trap>;
@@ -76,7 +76,7 @@ impl Core {
             }
             Trap::Unpredictable => {
                 let text = format!("unpredictable instruction {}", self.encoding(system));
-                system.note(Kind::NotModelled, self.pc, self.cycles, text);
+                system.note(FindingKind::NotModelled, self.pc, self.cycles, text);
                 (number::USAGE_FAULT, cfsr::UNDEFINSTR)
             }
             Trap::Undefined => (number::USAGE_FAULT, cfsr::UNDEFINSTR),
@@ -159,10 +159,10 @@ impl Core {
     pub(super) fn lock_up(&mut self, system: &mut impl System, why: &str) {
         let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
         let text = format!("lock-up: {why} ({status})");
-        system.note(Kind::Fault, self.pc, self.cycles, text);
+        system.note(FindingKind::Fault, self.pc, self.cycles, text);
         self.sleep = Sleep::LockedUp;
         self.stop = Some(Stop::LockUp);
-        self.attend = true;
+        self.check_needed = true;
     }
 
     /// Takes the pending exception of highest priority if it can pre-empt the present execution.
@@ -286,7 +286,7 @@ impl Core {
         if let Some(profile) = &mut self.profile {
             profile.enter(exception, begin, self.cycles - since.min(self.cycles));
         }
-        self.attend = true;
+        self.check_needed = true;
         if exception == number::HARD_FAULT {
             self.note_hard_fault(system, value);
         }
@@ -310,7 +310,7 @@ impl Core {
             "hard fault: CFSR {:#010x}, HFSR {:#010x}, BFAR {:#010x}, MMFAR {:#010x}",
             self.scb.cfsr, self.scb.hfsr, self.scb.bfar, self.scb.mmfar
         );
-        system.note(Kind::Fault, pc, self.cycles, text);
+        system.note(FindingKind::Fault, pc, self.cycles, text);
     }
 
     fn vector(&mut self, system: &mut impl System, exception: u16) -> Option<u32> {
@@ -325,7 +325,7 @@ impl Core {
         let returning = self.ipsr;
         if value & 0x0fff_ffe0 != 0x0fff_ffe0 {
             let text = format!("exception return with {value:#010x}");
-            system.note(Kind::NotModelled, self.pc, self.cycles, text);
+            system.note(FindingKind::NotModelled, self.pc, self.cycles, text);
         }
         let nested = self.nvic.active.count_ones() > 1;
         let base = self.scb.ccr & ccr::NONBASETHRDENA != 0;
@@ -365,7 +365,7 @@ impl Core {
 
     fn returned(&mut self) {
         self.line = NO_LINE;
-        self.attend = true;
+        self.check_needed = true;
         if self.ipsr == 0 && self.scb.scr & scr::SLEEPONEXIT != 0 {
             self.sleep = Sleep::Interrupt;
         }

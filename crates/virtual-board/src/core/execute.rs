@@ -196,7 +196,7 @@ impl Core {
         self.cycles += refill;
         if value & 1 == 0 {
             self.thumb = false;
-            self.attend = true;
+            self.check_needed = true;
         }
         Ok(value & !1)
     }
@@ -343,7 +343,7 @@ impl Core {
         self.cycles += REFILL_REGISTER;
         if target & 1 == 0 {
             self.thumb = false;
-            self.attend = true;
+            self.check_needed = true;
         }
         self.link(next, target & !1)
     }

@@ -38,7 +38,7 @@ impl Core {
 
     fn fall_asleep(&mut self, sleep: Sleep) {
         self.sleep = sleep;
-        self.attend = true;
+        self.check_needed = true;
         self.deep_sleep = self.scb.scr & scr::SLEEPDEEP != 0;
     }
 
@@ -91,7 +91,7 @@ impl Core {
             CONTROL => self.set_control(value),
             _ => {}
         }
-        self.attend |= self.nvic.waiting();
+        self.check_needed |= self.nvic.waiting();
     }
 
     fn set_faultmask(&mut self, on: bool) {
@@ -124,6 +124,6 @@ impl Core {
         if insn.imm & 1 != 0 {
             self.set_faultmask(on);
         }
-        self.attend |= !on && self.nvic.waiting();
+        self.check_needed |= !on && self.nvic.waiting();
     }
 }

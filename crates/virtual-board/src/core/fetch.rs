@@ -97,7 +97,7 @@ impl Core {
 
     /// Discards the decoded instructions of these addresses. A few instructions before them are also discarded: they
     /// may extend into the range, or their cycles may depend on it.
-    pub(super) fn forget_code(&mut self, first: u32, last: u32) {
+    pub(super) fn invalidate_code(&mut self, first: u32, last: u32) {
         let index = |address: u32| (address.saturating_sub(FLASH) >> 1) as usize;
         let end = (index(last) + 1).min(self.decoded.len());
         let begin = index(first).saturating_sub(4).min(end);

@@ -188,17 +188,21 @@ pub(super) fn round(value: Exact, format: Format, mode: u32, status: &mut u32) -
         exponent,
     } = value;
     let fraction = format.fraction as i32;
-    let least = 2 - (1 << (format.exponent - 1));
+    let min_exponent = 2 - (1 << (format.exponent - 1));
     let top = exponent + 127 - mantissa.leading_zeros() as i32;
     let sign = u32::from(negative) << (format.exponent + format.fraction);
     let single = format.exponent == 8;
-    if single && *status & FZ != 0 && top < least {
+    if single && *status & FZ != 0 && top < min_exponent {
         *status |= UFC;
         return sign;
     }
-    let shift = exponent - (top.max(least) - fraction);
+    let shift = exponent - (top.max(min_exponent) - fraction);
     let (whole, error) = split(mantissa, shift);
-    let mut biased = if top < least { 0 } else { top - least + 1 };
+    let mut biased = if top < min_exponent {
+        0
+    } else {
+        top - min_exponent + 1
+    };
     if biased == 0 && error != 0 {
         *status |= UFC;
     }

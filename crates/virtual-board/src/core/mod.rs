@@ -125,7 +125,7 @@ pub struct Core {
     /// ITSTATE.
     it: u8,
     /// True if interrupts, sleep or debugging must be checked before the next instruction.
-    attend: bool,
+    check_needed: bool,
     /// Cycle at which [`Core::run`] returns.
     until: Cycles,
     /// Flags: N is the highest bit of `n`; Z is set if `z` is 0.
@@ -201,7 +201,7 @@ impl Core {
             cycles: 0,
             line: NO_LINE,
             it: 0,
-            attend: true,
+            check_needed: true,
             until: 0,
             n: 0,
             z: 1,

@@ -4,7 +4,7 @@
 use super::nvic::{Nvic, exception as number};
 use super::scb::{CPUID, IDENTIFICATION, MEDIA, VECTKEY, VECTKEYSTAT, ccr, fpccr};
 use super::{BusError, Core, Stop, System, Transfer};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 
 /// Exceptions enabled in SHCSR, and their bits: memory management, bus and usage fault.
 const FAULTS: [(u16, u32); 3] = [
@@ -71,7 +71,7 @@ impl Core {
             return Err(BusError);
         }
         self.refresh(system);
-        self.attend = true;
+        self.check_needed = true;
         let (value, mask) = at.in_word(value);
         let address = address & !3;
         match address {
@@ -89,7 +89,7 @@ impl Core {
                 let old = if mask == u32::MAX {
                     0
                 } else {
-                    self.note_private(system, Kind::Alignment, address, pc);
+                    self.note_private(system, FindingKind::Alignment, address, pc);
                     self.private_read(system, address, pc) & !mask
                 };
                 self.private_write(system, address, old | value, pc);
@@ -98,7 +98,7 @@ impl Core {
         Ok(())
     }
 
-    fn note_private(&self, system: &mut impl System, kind: Kind, address: u32, pc: u32) {
+    fn note_private(&self, system: &mut impl System, kind: FindingKind, address: u32, pc: u32) {
         let text = format!("private peripheral {address:#010x}");
         system.note(kind, pc, self.cycles, text);
     }
@@ -131,7 +131,7 @@ impl Core {
             0xe000_efd0..0xe000_f000 | 0xe000_1fb0..0xe000_2000 | 0xe004_0000..0xe004_2000 => 0,
             0xe00f_f000.. => 0,
             _ => {
-                self.note_private(system, Kind::Unmapped, address, pc);
+                self.note_private(system, FindingKind::Unmapped, address, pc);
                 0
             }
         }
@@ -184,7 +184,7 @@ impl Core {
             0xe000_0000..0xe000_1000 => {}
             0xe000_1000..0xe000_1060 => {
                 if !self.dwt.write(address & 0xff, value, awake) {
-                    self.note_private(system, Kind::NotModelled, address, pc);
+                    self.note_private(system, FindingKind::NotModelled, address, pc);
                 }
             }
             0xe000_2000..0xe000_2030 => {}
@@ -218,7 +218,7 @@ impl Core {
             0xe000_ef38 => self.scb.fpcar = value & !7,
             0xe000_ef3c => self.scb.fpdscr = value & 0x07c0_0000,
             0xe000_1fb0 | 0xe004_0000..0xe004_2000 => {}
-            _ => self.note_private(system, Kind::Unmapped, address, pc),
+            _ => self.note_private(system, FindingKind::Unmapped, address, pc),
         }
     }
 
@@ -240,7 +240,7 @@ impl Core {
             }
             // Read-only.
             0x00 | 0x3c | 0x40..0x74 => {}
-            _ => self.note_private(system, Kind::Unmapped, address, pc),
+            _ => self.note_private(system, FindingKind::Unmapped, address, pc),
         }
     }
 

@@ -122,7 +122,7 @@ impl Core {
     /// Starts a new profile or ends profiling. Profiling is off by default and then costs no time.
     pub fn set_profiling(&mut self, on: bool) {
         self.profile = on.then(Box::default);
-        self.attend = true;
+        self.check_needed = true;
     }
 
     /// Profile so far; `None` if profiling is off.

@@ -12,7 +12,7 @@ impl Core {
     /// Lets cycles pass in which the core does nothing, for example while reset is held.
     pub fn add_cycles(&mut self, cycles: Cycles) {
         self.cycles += cycles;
-        self.attend = true;
+        self.check_needed = true;
     }
 
     /// Number of instructions executed.

@@ -5,14 +5,14 @@ use super::instruction::{Insn, Op};
 use super::nvic::exception as number;
 use super::scb::{cfsr, scr};
 use super::{Core, Sleep, Stop, System, fetch};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::Cycles;
 
 impl Core {
     /// Runs until a cycle, or until an event stops the core. The last instruction may end a few cycles later.
     pub fn run(&mut self, system: &mut impl System, until: Cycles) -> Stop {
         loop {
-            let due = self.look_up(system, until);
+            let due = self.advance_system(system, until);
             if let Some(stop) = self.stop.take() {
                 return stop;
             }
@@ -25,7 +25,12 @@ impl Core {
                 continue;
             }
             if std::mem::take(&mut self.deep_sleep) {
-                system.note(Kind::NotModelled, self.pc, self.cycles, "deep sleep".into());
+                system.note(
+                    FindingKind::NotModelled,
+                    self.pc,
+                    self.cycles,
+                    "deep sleep".into(),
+                );
             }
             if self.sleep != Sleep::Awake {
                 self.pass(due.min(until));
@@ -42,7 +47,7 @@ impl Core {
                 self.execute_until_limit::<false>(system)
             };
             if let Some((trap, it)) = trap {
-                self.attend = true;
+                self.check_needed = true;
                 self.trap(system, trap, it);
             }
             if self.debug.step {
@@ -62,16 +67,16 @@ impl Core {
     /// Runs the chip until a cycle while the core is halted, as by a debugger.
     pub fn stand_still(&mut self, system: &mut impl System, until: Cycles) {
         while self.cycles < until {
-            let due = self.look_up(system, until);
+            let due = self.advance_system(system, until);
             self.cycles = due.clamp(self.cycles + 1, until);
         }
-        self.look_up(system, until);
-        self.attend = true;
+        self.advance_system(system, until);
+        self.check_needed = true;
     }
 
     /// Lets the chip handle its events and updates exceptions; returns the cycle of the next event.
-    fn look_up(&mut self, system: &mut impl System, until: Cycles) -> Cycles {
-        self.attend = false;
+    fn advance_system(&mut self, system: &mut impl System, until: Cycles) -> Cycles {
+        self.check_needed = false;
         self.until = until;
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
@@ -79,7 +84,7 @@ impl Core {
         let until = until.min(self.systick.deadline());
         let due = system.advance(self.cycles, until);
         if let Some((first, last)) = system.take_changed_code() {
-            self.forget_code(first, last);
+            self.invalidate_code(first, last);
         }
         self.nvic.set_lines(system.lines(), self.cycles);
         if system.take_nmi() {
@@ -144,7 +149,7 @@ impl Core {
         let mut it = 0;
         let mut other;
         let trap = loop {
-            if self.cycles >= system.limit() || self.attend {
+            if self.cycles >= system.limit() || self.check_needed {
                 break None;
             }
             if PROBE && count > 0 && self.debug.step {

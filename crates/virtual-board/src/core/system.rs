@@ -1,6 +1,6 @@
 //! Interface of the chip to the core.
 
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::Cycles;
 
 /// Width of an access.
@@ -109,5 +109,5 @@ pub trait System {
     /// Requests a reset by the program (SYSRESETREQ).
     fn request_reset(&mut self);
     /// Notes an error of the program.
-    fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String);
+    fn note(&mut self, kind: FindingKind, pc: u32, cycle: Cycles, text: String);
 }

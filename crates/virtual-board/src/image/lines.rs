@@ -6,14 +6,14 @@ use std::fmt;
 
 /// A source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Place<'a> {
+pub struct SourceLine<'a> {
     /// File, with its directory at compile time.
     pub file: &'a str,
     /// Line number, from 1.
     pub line: u32,
 }
 
-impl fmt::Display for Place<'_> {
+impl fmt::Display for SourceLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.file, self.line)
     }
@@ -21,7 +21,7 @@ impl fmt::Display for Place<'_> {
 
 /// Contiguous code of one source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Row {
+struct LineRow {
     start: u32,
     end: u32,
     file: u32,
@@ -31,7 +31,7 @@ struct Row {
 /// The whole table, in the order of addresses.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
-    rows: Vec<Row>,
+    rows: Vec<LineRow>,
     files: Vec<String>,
 }
 
@@ -65,16 +65,16 @@ impl Lines {
         lines
     }
 
-    pub fn find(&self, pc: u32) -> Option<Place<'_>> {
+    pub fn find(&self, pc: u32) -> Option<SourceLine<'_>> {
         let after = self.rows.partition_point(|r| r.start <= pc);
         let row = self.rows.get(after.checked_sub(1)?)?;
-        (pc < row.end).then(|| self.place(row)).flatten()
+        (pc < row.end).then(|| self.source_line(row)).flatten()
     }
 
     /// Source line of a row; line 0 marks code without a source line.
-    fn place(&self, row: &Row) -> Option<Place<'_>> {
+    fn source_line(&self, row: &LineRow) -> Option<SourceLine<'_>> {
         let file = self.files.get(row.file as usize)?;
-        (row.line > 0).then_some(Place {
+        (row.line > 0).then_some(SourceLine {
             file,
             line: row.line,
         })
@@ -98,7 +98,7 @@ impl<F: Fn(u32) -> bool> Reading<F> {
         };
         let mut files = HashMap::new();
         let mut rows = program.rows();
-        let mut last: Option<Row> = None;
+        let mut last: Option<LineRow> = None;
         while let Some((header, row)) = rows.next_row()? {
             let address = row.address() as u32;
             if let Some(mut done) = last.take() {
@@ -120,7 +120,7 @@ impl<F: Fn(u32) -> bool> Reading<F> {
                     file
                 }
             };
-            last = Some(Row {
+            last = Some(LineRow {
                 start: address,
                 end: address,
                 file,

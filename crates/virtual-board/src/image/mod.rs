@@ -5,7 +5,7 @@
 
 mod lines;
 
-pub use lines::Place;
+pub use lines::SourceLine;
 
 use lines::Lines;
 use object::LittleEndian;
@@ -193,7 +193,7 @@ impl Image {
     }
 
     /// Source line of an address; for inlined functions, the innermost.
-    pub fn line(&self, pc: u32) -> Option<Place<'_>> {
+    pub fn line(&self, pc: u32) -> Option<SourceLine<'_>> {
         self.lines().find(pc & !1)
     }
 

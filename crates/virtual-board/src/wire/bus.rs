@@ -26,9 +26,9 @@ pub enum Fault {
         /// The node.
         node: usize,
         /// True if the transceiver drives the bus as the controller requests.
-        sends: bool,
+        transmit_enabled: bool,
         /// True if the transceiver passes the bus level to the controller; otherwise the controller reads recessive.
-        hears: bool,
+        receive_enabled: bool,
     },
     /// Piece of the cut wire that a node is connected to; initially all nodes are on piece 0.
     Piece {
@@ -156,7 +156,7 @@ impl Wire {
             self.now = self.now.max(at);
             if fault == at {
                 let (_, fault) = self.faults.remove(0);
-                self.strike(fault);
+                self.apply_fault(fault);
             } else if action == at {
                 let (_, node, action) = self.actions.remove(0);
                 self.act(node, action, nodes);
@@ -246,17 +246,17 @@ impl Wire {
         if can_node.dominant && !can_node.controller.is_in() {
             self.drive(i, false, at);
         }
-        let happened = self.deliver(i, now, nodes);
+        let delivered = self.deliver(i, now, nodes);
         if busy != is_busy {
             self.occupy(is_busy);
         }
-        if self.busy == 0 && (happened || busy) {
-            self.doze(at);
+        if self.busy == 0 && (delivered || busy) {
+            self.sleep_if_idle(at);
         }
     }
 
     /// Suspends the bit clocks while the bus is idle.
-    fn doze(&mut self, at: Time) {
+    fn sleep_if_idle(&mut self, at: Time) {
         let still = self.forced.is_none() && self.noise.is_off();
         let driven = self.can_nodes.iter().any(|s| s.dominant);
         self.asleep = still && !driven && self.quiet_until() > at;
@@ -275,7 +275,7 @@ impl Wire {
     fn input(&mut self, i: usize) -> bool {
         let can_node = &self.can_nodes[i];
         let level = can_node.is_reading() && self.level(can_node.piece);
-        level != (!self.noise.is_off() && self.noise.strikes())
+        level != (!self.noise.is_off() && self.noise.next_bit_flips())
     }
 
     pub(super) fn level(&self, piece: usize) -> bool {
@@ -324,13 +324,13 @@ impl Wire {
     /// Delivers pending events to a node; true if there were any.
     fn deliver(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) -> bool {
         let controller = &mut self.can_nodes[i].controller;
-        if controller.happened.is_empty() {
+        if controller.events.is_empty() {
             return false;
         }
         let (tec, rec) = controller.counters();
-        for what in controller.happened.drain(..) {
+        for kind in controller.events.drain(..) {
             if let Some(node) = nodes.get_mut(i) {
-                node.event(Event { at, what, tec, rec });
+                node.event(Event { at, kind, tec, rec });
             }
         }
         if let Some(ended) = controller.ended.take()
@@ -350,7 +350,7 @@ impl Wire {
     /// Applies an action of a node.
     fn act(&mut self, i: usize, action: Action, nodes: &mut [&mut dyn Node]) {
         let now = self.now;
-        self.rouse();
+        self.wake_if_asleep();
         let can_node = &mut self.can_nodes[i];
         let busy = can_node.controller.is_busy();
         let timing = can_node.controller.settings().map(|s| s.timing);
@@ -379,7 +379,7 @@ impl Wire {
         self.deliver(i, now, nodes);
     }
 
-    fn rouse(&mut self) {
+    fn wake_if_asleep(&mut self) {
         if std::mem::take(&mut self.asleep) {
             self.wake(self.now);
         }
@@ -402,13 +402,18 @@ impl Wire {
     }
 
     /// Applies a fault.
-    fn strike(&mut self, fault: Fault) {
-        self.rouse();
+    fn apply_fault(&mut self, fault: Fault) {
+        self.wake_if_asleep();
         match fault {
             Fault::Level(level) => self.redrive(|wire| wire.forced = level),
-            Fault::Transceiver { node, sends, hears } => self.redrive(|wire| {
+            Fault::Transceiver {
+                node,
+                transmit_enabled,
+                receive_enabled,
+            } => self.redrive(|wire| {
                 if let Some(can_node) = wire.can_nodes.get_mut(node) {
-                    (can_node.sends, can_node.hears) = (sends, hears);
+                    (can_node.transmit_enabled, can_node.receive_enabled) =
+                        (transmit_enabled, receive_enabled);
                 }
             }),
             Fault::Piece { node, piece } => self.redrive(|wire| {

@@ -13,8 +13,8 @@ pub(super) struct CanNode {
     pub dominant: bool,
     /// Level that the node read last; true is dominant.
     pub read: bool,
-    pub sends: bool,
-    pub hears: bool,
+    pub transmit_enabled: bool,
+    pub receive_enabled: bool,
     pub piece: usize,
     /// Time of the node's next event, as seen on the bus.
     pub due: Time,
@@ -27,8 +27,8 @@ impl CanNode {
             clock: BitClock::new(BitTiming::megabit(), Time(0)),
             dominant: false,
             read: false,
-            sends: true,
-            hears: true,
+            transmit_enabled: true,
+            receive_enabled: true,
             piece: 0,
             due: Time::NEVER,
         }
@@ -40,12 +40,12 @@ impl CanNode {
 
     /// True if the node's dominant level reaches the bus.
     pub fn is_driving(&self) -> bool {
-        self.dominant && self.sends && self.with(|s| s.sends)
+        self.dominant && self.transmit_enabled && self.with(|s| s.transmit_enabled)
     }
 
     /// True if the node reads the bus.
     pub fn is_reading(&self) -> bool {
-        self.hears && self.with(|s| s.hears)
+        self.receive_enabled && self.with(|s| s.receive_enabled)
     }
 
     pub fn plan(&mut self, delay: Time) {
@@ -99,7 +99,7 @@ impl Noise {
         };
     }
 
-    pub fn strikes(&mut self) -> bool {
+    pub fn next_bit_flips(&mut self) -> bool {
         if self.left > 0 {
             self.left -= 1;
             return false;

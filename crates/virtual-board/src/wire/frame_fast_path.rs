@@ -8,7 +8,7 @@ use super::bus::Wire;
 use crate::time::Time;
 
 /// Minimum number of bits for the fast path.
-const FEWEST: usize = 4;
+const MIN_BITS: usize = 4;
 /// Bits at the end of a frame that need single steps, because nodes may respond: from the last bit before the checksum
 /// delimiter on.
 const TAIL: usize = 11;
@@ -63,7 +63,7 @@ impl Wire {
                 can_node.plan(self.delay);
             }
         }
-        self.drove(sender);
+        self.drive_last_bit(sender);
         true
     }
 
@@ -73,10 +73,12 @@ impl Wire {
         let (bits, from) = can_node.controller.sending()?;
         let to = bits.length().saturating_sub(TAIL);
         let calm = self.forced.is_none() && self.noise.is_off() && self.can_nodes.len() <= 8;
-        if !calm || !can_node.clock.sampled || from == 0 || to < from + FEWEST {
+        if !calm || !can_node.clock.sampled || from == 0 || to < from + MIN_BITS {
             return None;
         }
-        let heard = can_node.sends && can_node.is_reading() && can_node.with(|s| s.sends);
+        let reads_back = can_node.transmit_enabled
+            && can_node.is_reading()
+            && can_node.with(|s| s.transmit_enabled);
         let arrived = can_node.controller.arrived();
         let follow = self.can_nodes.iter().enumerate().all(|(i, other)| {
             i == sender
@@ -87,18 +89,18 @@ impl Wire {
                     && other.piece == can_node.piece
                     && other.controller.follows(arrived)
         });
-        if !heard || !follow {
+        if !reads_back || !follow {
             return None;
         }
         // Other nodes sample later than the sender by less than one bit.
         let span = limit - can_node.clock.next_time();
         let fit = (span.0 / can_node.clock.bit().0.max(1)).saturating_sub(2);
         let to = to.min(from + fit as usize);
-        (to >= from + FEWEST).then_some((from, to))
+        (to >= from + MIN_BITS).then_some((from, to))
     }
 
     /// Sets the level that the sender drives after the last processed bit.
-    fn drove(&mut self, sender: usize) {
+    fn drive_last_bit(&mut self, sender: usize) {
         let can_node = &mut self.can_nodes[sender];
         let before = std::mem::replace(&mut can_node.dominant, can_node.read);
         match (before, can_node.read) {

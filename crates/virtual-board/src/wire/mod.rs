@@ -25,7 +25,7 @@ pub mod virtual_node;
 
 pub use bus::{Fault, Level, Record, Wire};
 pub use frame::{Bits, Frame, Id};
-pub use node::{Action, ErrorKind, Event, Node, Settings, What};
+pub use node::{Action, ErrorKind, Event, EventKind, Node, Settings};
 pub use statistics::Statistics;
 pub use timing::BitTiming;
 pub use virtual_node::VirtualNode;

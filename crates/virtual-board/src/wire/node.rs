@@ -55,9 +55,9 @@ pub struct Settings {
     /// True if the controller recovers from bus-off automatically.
     pub recover: bool,
     /// True if the controller's output reaches the transceiver.
-    pub sends: bool,
+    pub transmit_enabled: bool,
     /// True if the transceiver's output reaches the controller.
-    pub hears: bool,
+    pub receive_enabled: bool,
 }
 
 impl Settings {
@@ -67,8 +67,8 @@ impl Settings {
             on: true,
             timing,
             recover: true,
-            sends: true,
-            hears: true,
+            transmit_enabled: true,
+            receive_enabled: true,
         }
     }
 }
@@ -97,7 +97,7 @@ pub enum Action {
 
 /// Kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum What {
+pub enum EventKind {
     /// The controller detected eleven recessive bits and takes part from now on.
     Joined,
     /// The controller left the bus, as requested.
@@ -146,7 +146,7 @@ pub struct Event {
     /// Time of the event.
     pub at: Time,
     /// Kind of the event.
-    pub what: What,
+    pub kind: EventKind,
     /// Transmit error counter, up to 255.
     pub tec: u8,
     /// Receive error counter.

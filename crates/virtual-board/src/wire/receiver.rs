@@ -5,7 +5,7 @@ use super::node::ErrorKind;
 
 /// Meaning of a bit for a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Step {
+pub(crate) enum ReceiverStep {
     /// No event.
     More,
     /// The checksum is complete and correct: the bit after the next one acknowledges.
@@ -65,16 +65,16 @@ impl Receiver {
     }
 
     /// Takes the next bit.
-    pub fn step(&mut self, dominant: bool) -> Step {
+    pub fn step(&mut self, dominant: bool) -> ReceiverStep {
         if self.total == Some(self.count) && self.run != 5 {
             return self.tail(dominant);
         }
         if self.run == 5 {
             if dominant == self.last {
-                return Step::Error(ErrorKind::Stuff);
+                return ReceiverStep::Error(ErrorKind::Stuff);
             }
             (self.run, self.last) = (1, dominant);
-            return Step::More;
+            return ReceiverStep::More;
         }
         self.run = if self.run > 0 && dominant == self.last {
             self.run + 1
@@ -85,7 +85,7 @@ impl Receiver {
         self.crc = crc_step(self.crc, !dominant);
         self.field(!dominant);
         self.count += 1;
-        Step::More
+        ReceiverStep::More
     }
 
     fn field(&mut self, bit: bool) {
@@ -112,20 +112,20 @@ impl Receiver {
         }
     }
 
-    fn tail(&mut self, dominant: bool) -> Step {
+    fn tail(&mut self, dominant: bool) -> ReceiverStep {
         self.tail += 1;
         self.run = 0;
         match self.tail {
-            1 if dominant => Step::Error(ErrorKind::Form),
-            1 if self.crc == 0 => Step::Acknowledge,
-            1 | 2 => Step::More,
-            3 if dominant => Step::Error(ErrorKind::Form),
-            3 if self.crc != 0 => Step::Error(ErrorKind::Crc),
-            10 if dominant => Step::Overload,
-            10 => Step::End,
-            _ if dominant => Step::Error(ErrorKind::Form),
-            9 => Step::Valid,
-            _ => Step::More,
+            1 if dominant => ReceiverStep::Error(ErrorKind::Form),
+            1 if self.crc == 0 => ReceiverStep::Acknowledge,
+            1 | 2 => ReceiverStep::More,
+            3 if dominant => ReceiverStep::Error(ErrorKind::Form),
+            3 if self.crc != 0 => ReceiverStep::Error(ErrorKind::Crc),
+            10 if dominant => ReceiverStep::Overload,
+            10 => ReceiverStep::End,
+            _ if dominant => ReceiverStep::Error(ErrorKind::Form),
+            9 => ReceiverStep::Valid,
+            _ => ReceiverStep::More,
         }
     }
 }
@@ -134,7 +134,7 @@ impl Receiver {
 mod tests {
     use super::*;
 
-    fn receive(bits: impl Iterator<Item = bool>) -> (Vec<Step>, Receiver) {
+    fn receive(bits: impl Iterator<Item = bool>) -> (Vec<ReceiverStep>, Receiver) {
         let mut receiver = Receiver::default();
         let steps = bits.map(|recessive| receiver.step(!recessive)).collect();
         (steps, receiver)
@@ -156,10 +156,13 @@ mod tests {
             let (steps, receiver) = receive(bits.iter());
             assert_eq!(receiver.frame(), frame);
             let n = bits.length();
-            assert_eq!(steps[n - 1], Step::End);
-            assert_eq!(steps[n - 2], Step::Valid);
-            assert_eq!(steps[n - 10], Step::Acknowledge);
-            assert_eq!(steps.iter().filter(|&&s| s != Step::More).count(), 3);
+            assert_eq!(steps[n - 1], ReceiverStep::End);
+            assert_eq!(steps[n - 2], ReceiverStep::Valid);
+            assert_eq!(steps[n - 10], ReceiverStep::Acknowledge);
+            assert_eq!(
+                steps.iter().filter(|&&s| s != ReceiverStep::More).count(),
+                3
+            );
         }
     }
 
@@ -171,8 +174,8 @@ mod tests {
         for flipped in 1..n {
             let line = (0..n + 40).map(|i| (i >= n || bits.recessive(i)) != (i == flipped));
             let (steps, _) = receive(line.take(n.max(flipped + 1)));
-            let error = steps.iter().any(|s| matches!(s, Step::Error(_)));
-            let valid = steps.contains(&Step::Valid);
+            let error = steps.iter().any(|s| matches!(s, ReceiverStep::Error(_)));
+            let valid = steps.contains(&ReceiverStep::Valid);
             // Either level is valid in the acknowledgement slot and in the last bit.
             let harmless = flipped == n - 9 || flipped == n - 1;
             assert_eq!(valid && !error, harmless, "bit {flipped}");

@@ -10,12 +10,12 @@ const QUANTUM: Time = Time::from_micros(20);
 const BIT: u64 = 1_000_000;
 
 /// A wire with virtual nodes.
-struct Bench {
+struct WireBench {
     wire: Wire,
     quantum: Time,
     nodes: Vec<VirtualNode>,
     /// Events of each node.
-    happened: Vec<Vec<Event>>,
+    delivered: Vec<Vec<Event>>,
     now: Time,
 }
 
@@ -33,7 +33,7 @@ impl Node for Watched<'_> {
     }
 }
 
-impl Bench {
+impl WireBench {
     fn new(settings: &[Settings]) -> Self {
         let mut wire = Wire::new(settings.len(), QUANTUM, 1);
         wire.record();
@@ -41,7 +41,7 @@ impl Bench {
             wire,
             quantum: QUANTUM,
             nodes: settings.iter().map(|&s| VirtualNode::new(s)).collect(),
-            happened: vec![Vec::new(); settings.len()],
+            delivered: vec![Vec::new(); settings.len()],
             now: Time(0),
         }
     }
@@ -53,23 +53,23 @@ impl Bench {
     fn run(&mut self, until: Time) {
         while self.now < until {
             self.now = self.now + self.quantum;
-            let nodes = self.nodes.iter_mut().zip(&mut self.happened);
+            let nodes = self.nodes.iter_mut().zip(&mut self.delivered);
             let mut nodes: Vec<_> = nodes.map(|(node, to)| Watched(node, to)).collect();
             let mut nodes: Vec<_> = nodes.iter_mut().map(|node| node as &mut dyn Node).collect();
             self.wire.advance(self.now, &mut nodes);
         }
     }
 
-    fn events(&self, node: usize, of: impl Fn(&What) -> bool) -> Vec<Event> {
-        let events = self.happened[node].iter();
-        events.filter(|event| of(&event.what)).copied().collect()
+    fn events(&self, node: usize, of: impl Fn(&EventKind) -> bool) -> Vec<Event> {
+        let events = self.delivered[node].iter();
+        events.filter(|event| of(&event.kind)).copied().collect()
     }
 
     /// Frames that a node received, with the times of their ends.
     fn received(&self, node: usize) -> Vec<(Time, Frame)> {
-        let events = self.happened[node].iter();
-        let frames = events.filter_map(|event| match event.what {
-            What::Received { frame, .. } => Some((event.at, frame)),
+        let events = self.delivered[node].iter();
+        let frames = events.filter_map(|event| match event.kind {
+            EventKind::Received { frame, .. } => Some((event.at, frame)),
             _ => None,
         });
         frames.collect()
@@ -107,15 +107,15 @@ fn standard(id: u16, data: &[u8]) -> Frame {
 #[test]
 fn frame_takes_its_bits_and_arrives_at_all_nodes() {
     for data in [&[][..], &[0; 8], &[0xff; 8], &[0x55, 0xaa]] {
-        let mut bench = Bench::equal(3);
+        let mut bench = WireBench::equal(3);
         let frame = standard(0x123, data);
         bench.nodes[0].send(micros(100), frame);
         bench.run(micros(400));
-        let sent = bench.events(0, |w| matches!(w, What::Sent { .. }));
+        let sent = bench.events(0, |w| matches!(w, EventKind::Sent { .. }));
         let [sent] = sent[..] else {
             panic!("{sent:?}");
         };
-        let What::Sent { start, .. } = sent.what else {
+        let EventKind::Sent { start, .. } = sent.kind else {
             panic!();
         };
         // The time from the sample point of the first bit to the sample point of the last.
@@ -141,7 +141,7 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
 
 #[test]
 fn lowest_identifier_wins_and_the_others_follow() {
-    let mut bench = Bench::equal(4);
+    let mut bench = WireBench::equal(4);
     let frames = [
         standard(0x200, &[1]),
         standard(0x1ff, &[2]),
@@ -175,7 +175,7 @@ fn random_frame(random: &mut Noise, id: u16) -> Frame {
 fn events_are_independent_of_the_quantum_and_delivered_ahead() {
     let mut outcomes = Vec::new();
     for quantum in [1, 7, 20, 40].map(micros) {
-        let mut bench = Bench::equal(3);
+        let mut bench = WireBench::equal(3);
         bench.wire = Wire::new(3, quantum, 1);
         bench.wire.record();
         bench.quantum = quantum;
@@ -189,10 +189,13 @@ fn events_are_independent_of_the_quantum_and_delivered_ahead() {
         while bench.now < micros(50_000) {
             bench.run(bench.now + quantum);
             let now = bench.now;
-            let happened = bench.happened.iter_mut();
-            for event in happened.flat_map(|events| events.drain(..)) {
-                if matches!(event.what, What::Sent { .. } | What::Received { .. }) {
-                    assert!(event.at >= now, "{event:?} told at {now}");
+            let delivered = bench.delivered.iter_mut();
+            for event in delivered.flat_map(|events| events.drain(..)) {
+                if matches!(
+                    event.kind,
+                    EventKind::Sent { .. } | EventKind::Received { .. }
+                ) {
+                    assert!(event.at >= now, "{event:?} delivered at {now}");
                 }
             }
         }
@@ -207,7 +210,7 @@ fn events_are_independent_of_the_quantum_and_delivered_ahead() {
 
 #[test]
 fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
-    let mut bench = Bench::equal(3);
+    let mut bench = WireBench::equal(3);
     bench.nodes[0].send(micros(100), standard(0x123, &[0xff; 8]));
     // A recessive bit of the data becomes dominant for all nodes.
     bench.disturb(micros(150), micros(1));
@@ -223,7 +226,7 @@ fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
     assert!((17.0..=24.5).contains(&bits), "{bits}");
     let counters: Vec<_> = (0..3)
         .map(|k| {
-            let error = bench.events(k, |w| matches!(w, What::Error(_)));
+            let error = bench.events(k, |w| matches!(w, EventKind::Error(_)));
             (error.len(), error[0].tec, error[0].rec)
         })
         .collect();
@@ -239,38 +242,38 @@ fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
 
 #[test]
 fn receiver_that_alone_detects_an_error_counts_nine() {
-    let mut bench = Bench::equal(3);
+    let mut bench = WireBench::equal(3);
     // Node 2 misses some bits in the middle of a frame.
-    let deaf = |hears| Fault::Transceiver {
+    let set_receiver = |receive_enabled| Fault::Transceiver {
         node: 2,
-        sends: true,
-        hears,
+        transmit_enabled: true,
+        receive_enabled,
     };
     bench.nodes[0].send(micros(100), standard(0x555, &[0x55; 8]));
-    bench.wire.inject(micros(131), deaf(false));
-    bench.wire.inject(micros(137), deaf(true));
+    bench.wire.inject(micros(131), set_receiver(false));
+    bench.wire.inject(micros(137), set_receiver(true));
     bench.run(micros(600));
-    let errors = bench.events(2, |w| matches!(w, What::Error(_) | What::Counted));
-    let counts: Vec<_> = errors.iter().map(|e| (e.what, e.rec)).collect();
+    let errors = bench.events(2, |w| matches!(w, EventKind::Error(_) | EventKind::Counted));
+    let counts: Vec<_> = errors.iter().map(|e| (e.kind, e.rec)).collect();
     // The detected error counts 1. The dominant bit after the node's own flag, from the other nodes' flags, counts 8.
-    let own = (What::Error(ErrorKind::Stuff), 1);
-    assert_eq!(counts, [own, (What::Counted, 9)]);
+    let own = (EventKind::Error(ErrorKind::Stuff), 1);
+    assert_eq!(counts, [own, (EventKind::Counted, 9)]);
     assert_eq!(bench.wire.statistics(0).sent, 1);
     assert_eq!(bench.wire.statistics(0).error_frames, 1);
 }
 
 #[test]
 fn equal_identifiers_with_different_data_are_an_error() {
-    let mut bench = Bench::equal(3);
+    let mut bench = WireBench::equal(3);
     bench.nodes[0].send(micros(100), standard(0x123, &[0x00]));
     bench.nodes[1].send(micros(100), standard(0x123, &[0x01]));
     bench.run(micros(180));
-    let errors = bench.events(1, |w| matches!(w, What::Error(_)));
-    assert_eq!(errors[0].what, What::Error(ErrorKind::BitRecessive));
-    let errors = bench.events(0, |w| matches!(w, What::Error(_)));
+    let errors = bench.events(1, |w| matches!(w, EventKind::Error(_)));
+    assert_eq!(errors[0].kind, EventKind::Error(ErrorKind::BitRecessive));
+    let errors = bench.events(0, |w| matches!(w, EventKind::Error(_)));
     assert!(!errors.is_empty());
     // With equal data, both nodes complete the transmission.
-    let mut bench = Bench::equal(3);
+    let mut bench = WireBench::equal(3);
     for node in [0, 1] {
         bench.nodes[node].send(micros(100), standard(0x123, &[0x01]));
     }
@@ -284,7 +287,7 @@ fn equal_identifiers_with_different_data_are_an_error() {
 
 #[test]
 fn sender_without_receivers_becomes_passive_and_waits_longer() {
-    let mut bench = Bench::equal(1);
+    let mut bench = WireBench::equal(1);
     let frame = standard(0x123, &[1]);
     bench.nodes[0].send(micros(100), frame);
     bench.run(micros(10_000));
@@ -297,18 +300,18 @@ fn sender_without_receivers_becomes_passive_and_waits_longer() {
         let waited = if k < 15 { 0 } else { 8 };
         assert_eq!(bits, slot + 1 + 6 + 8 + 3 + waited, "{k}");
     }
-    let last = bench.events(0, |w| matches!(w, What::Error(_))).pop();
+    let last = bench.events(0, |w| matches!(w, EventKind::Error(_))).pop();
     assert_eq!(last.map(|e| e.tec), Some(128));
     assert_eq!(bench.wire.statistics(0).bus_offs, 0);
 }
 
 #[test]
 fn stuck_dominant_bus_causes_bus_off_and_recovery() {
-    let mut bench = Bench::equal(2);
+    let mut bench = WireBench::equal(2);
     bench.nodes[0].send(micros(100), standard(0x123, &[1]));
     bench.disturb(micros(120), micros(2000));
     bench.run(micros(2000));
-    let off = bench.events(0, |w| *w == What::Off);
+    let off = bench.events(0, |w| *w == EventKind::Off);
     // 8 for the error, then 8 for each 8 dominant bits behind the flag of 6: 32 times 8.
     let bits = off[0].at.micros() - 120;
     assert!((6 + 31 * 8 - 3..6 + 31 * 8 + 12).contains(&bits), "{bits}");
@@ -317,14 +320,14 @@ fn stuck_dominant_bus_causes_bus_off_and_recovery() {
     assert_eq!(bench.wire.statistics(1).bus_offs, 0);
     bench.run(micros(6000));
     assert_eq!(bench.wire.statistics(0).sent, 1);
-    let back = bench.events(0, |w| *w == What::Recovered);
+    let back = bench.events(0, |w| *w == EventKind::Recovered);
     let bits = back[0].at.micros() - 2120;
     assert!((1407..1440).contains(&bits), "{bits}");
 }
 
 #[test]
 fn pieces_of_a_cut_wire_are_separate_buses() {
-    let mut bench = Bench::equal(4);
+    let mut bench = WireBench::equal(4);
     let cut = |node, piece| Fault::Piece { node, piece };
     for node in [2, 3] {
         bench.wire.inject(micros(50), cut(node, 1));
@@ -350,7 +353,7 @@ fn pieces_of_a_cut_wire_are_separate_buses() {
 #[test]
 fn babbling_node_starves_only_lower_priorities() {
     for (id, passes) in [(0x000, false), (0x7ff, true)] {
-        let mut bench = Bench::equal(3);
+        let mut bench = WireBench::equal(3);
         bench.run(micros(100));
         bench.nodes[2].babble(Some(standard(id, &[0xaa; 8])));
         bench.nodes[0].send(micros(1000), standard(0x123, &[1]));
@@ -367,7 +370,7 @@ fn babbling_node_starves_only_lower_priorities() {
 fn node_with_a_wrong_bit_rate_causes_errors_until_passive() {
     let normal = Settings::new(BitTiming::megabit());
     let slow = Settings::new(BitTiming::new(500_000, (5, 1), 1, 0));
-    let mut bench = Bench::new(&[normal, normal, slow]);
+    let mut bench = WireBench::new(&[normal, normal, slow]);
     for i in 0..50 {
         let frame = standard(i * 3, &[i as u8; 8]);
         bench.nodes[0].send(micros(100), frame);
@@ -386,7 +389,7 @@ fn clocks_may_differ_within_the_tolerance_of_the_specification() {
         let tolerance = tolerance(&BitTiming::new(500_000, (one, two), jump, 0));
         let ppb = (tolerance * part * 1e9) as i64;
         let node = |sign: i64| Settings::new(BitTiming::new(500_000, (one, two), jump, sign * ppb));
-        let mut bench = Bench::new(&[node(1), node(-1), node(1)]);
+        let mut bench = WireBench::new(&[node(1), node(-1), node(1)]);
         bench.wire.delay = Time(0);
         let mut random = Noise::new(7);
         for i in 0..200 {
@@ -409,7 +412,7 @@ fn clocks_may_differ_within_the_tolerance_of_the_specification() {
 
 #[test]
 fn noise_delays_frames_and_never_corrupts_them() {
-    let mut bench = Bench::equal(3);
+    let mut bench = WireBench::equal(3);
     bench.wire.inject(micros(50), Fault::Noise(2e-4));
     let mut random = Noise::new(3);
     let frames: Vec<_> = (0..100).map(|i| random_frame(&mut random, i)).collect();
@@ -431,7 +434,7 @@ fn noise_delays_frames_and_never_corrupts_them() {
 #[test]
 fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     let two = || {
-        let mut bench = Bench::equal(2);
+        let mut bench = WireBench::equal(2);
         for id in [0x123, 0x124] {
             bench.nodes[0].send(micros(100), standard(id, &[1]));
         }
@@ -439,7 +442,7 @@ fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     };
     let mut bench = two();
     bench.run(micros(600));
-    let end = bench.events(0, |w| matches!(w, What::Sent { .. }))[0].at;
+    let end = bench.events(0, |w| matches!(w, EventKind::Sent { .. }))[0].at;
     let mut bench = two();
     let within = end + Time::from_nanos(300);
     bench.disturb(within, micros(1));
@@ -459,7 +462,7 @@ fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
 fn fast_path_and_single_steps_give_the_same_result() {
     let outcome = |fast: bool| {
         let node = |ppb| Settings::new(BitTiming::new(1_000_000, (5, 1), 1, ppb));
-        let mut bench = Bench::new(&[node(0), node(120_000), node(-90_000), node(700)]);
+        let mut bench = WireBench::new(&[node(0), node(120_000), node(-90_000), node(700)]);
         if !fast {
             // Noise with a negligible rate prevents idling and the fast path.
             bench.wire.inject(Time(0), Fault::Noise(1e-300));

@@ -1,7 +1,7 @@
 //! Nodes without a board.
 
 use super::frame::Frame;
-use super::node::{Action, Event, Node, Settings, What};
+use super::node::{Action, Event, EventKind, Node, Settings};
 use crate::time::Time;
 use std::collections::VecDeque;
 
@@ -54,9 +54,11 @@ impl Node for VirtualNode {
     }
 
     fn event(&mut self, event: Event) {
-        match event.what {
-            What::Failed { again: true, .. } => {}
-            What::Sent { mailbox, .. } | What::Failed { mailbox, .. } => self.free.push(mailbox),
+        match event.kind {
+            EventKind::Failed { again: true, .. } => {}
+            EventKind::Sent { mailbox, .. } | EventKind::Failed { mailbox, .. } => {
+                self.free.push(mailbox)
+            }
             _ => {}
         }
     }

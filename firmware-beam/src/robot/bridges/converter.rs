@@ -56,12 +56,12 @@ const BLOCK_US: Micros = 997;
 /// Time for the converter to settle after it is switched on, µs; 3 at most by its data sheet.
 const SETTLING_US: u32 = 5;
 /// Timeout without samples: the stream has stopped.
-const PATIENCE: Duration = Duration::from_millis(3);
+const SAMPLE_TIMEOUT: Duration = Duration::from_millis(3);
 /// Counts of TIM2 at which an injected conversion may begin. A scan ends at 647; an earlier injected conversion would
 /// restart the scan's last channel. The injected conversion must end before the next scan begins.
 const BETWEEN: core::ops::Range<u32> = 648..TOP - 150;
 /// Polls of a stream that stops; it first ends its transfer.
-const STOP_LOOKS: u32 = 1000;
+const STOP_POLLS: u32 = 1000;
 /// Flags of the status register; a flag written as 1 is unchanged.
 const FLAGS: u32 = 0x3f;
 /// Flag of the end of the injected conversion.
@@ -115,7 +115,7 @@ impl Converter {
     /// a timeout. A block that was overwritten before it was read is skipped.
     pub async fn read(&mut self) -> Option<(Micros, &[u16; BLOCK])> {
         loop {
-            let ready = with_timeout(PATIENCE, READY.wait()).await.ok()?;
+            let ready = with_timeout(SAMPLE_TIMEOUT, READY.wait()).await.ok()?;
             let half = RING.iter().skip(ready.half.begins(BLOCK));
             for (sample, cell) in self.samples.iter_mut().zip(half) {
                 *sample = cell.load(Ordering::Relaxed);
@@ -225,7 +225,7 @@ fn stop() -> bool {
         w.set_tcie(false);
         w.set_en(false);
     });
-    let stopped = (0..STOP_LOOKS).any(|_| !stream.cr().read().en());
+    let stopped = (0..STOP_POLLS).any(|_| !stream.cr().read().en());
     pac::TIM2.cr1().modify(|w| w.set_cen(false));
     // Switching the converter off resets its place in the scan. A pending DMA request and the overrun flag would
     // prevent further requests.

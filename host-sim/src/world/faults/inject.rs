@@ -8,7 +8,7 @@ use core_algos::safety::Conditions;
 use core_algos::topology::{Role, Wheels};
 
 /// Lag of a board's slow clock, ticks.
-pub type Drift = u32;
+pub type ClockLag = u32;
 
 /// Samples of the boards at a tick.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -170,7 +170,7 @@ impl Injector {
     }
 
     /// Lag of a board's clock at a tick, ticks.
-    pub fn behind(&self, role: Role, tick: u32) -> Drift {
+    pub fn clock_lag(&self, role: Role, tick: u32) -> ClockLag {
         match self.fault {
             Fault::SlowClock { board, period } if board == role => {
                 tick.saturating_sub(self.at).div_euclid(period)

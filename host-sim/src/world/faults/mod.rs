@@ -5,7 +5,7 @@
 
 mod inject;
 
-pub use inject::{Drift, Injector, Readings};
+pub use inject::{ClockLag, Injector, Readings};
 
 use crate::bus::virtual_bus::BusConfig;
 use core_algos::safety::Condition;

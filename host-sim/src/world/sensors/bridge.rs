@@ -255,9 +255,9 @@ impl Bridge {
     pub fn sample(&mut self, strain: f64) -> i32 {
         let offset = self.offset.next(&mut self.random);
         let [strain, moved] = self.ageing.next(strain);
-        let seen = self.filter.pass(self.gain * strain + (offset + moved));
-        let seen = seen + normal(&mut self.random, self.noise_sigma);
-        let counts = seen * self.counts_per_strain;
+        let measured = self.filter.pass(self.gain * strain + (offset + moved));
+        let measured = measured + normal(&mut self.random, self.noise_sigma);
+        let counts = measured * self.counts_per_strain;
         let counts = converted(counts, self.limit, self.converter.as_deref()).round();
         self.delay
             .pass(counts.clamp(-self.limit, self.limit - 1.0) as i32)

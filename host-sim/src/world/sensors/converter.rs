@@ -71,8 +71,8 @@ mod tests {
             let count = 200_000;
             let mean: f64 = (0..count)
                 .map(|_| {
-                    let seen = ratio + normal(&mut random, noise);
-                    (4096.0 * seen + curve.at(seen) + 0.5).floor() / 4096.0 - ratio
+                    let measured = ratio + normal(&mut random, noise);
+                    (4096.0 * measured + curve.at(measured) + 0.5).floor() / 4096.0 - ratio
                 })
                 .sum::<f64>()
                 / f64::from(count);

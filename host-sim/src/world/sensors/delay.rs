@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 pub const MAX_DELAY_MS: u32 = 31;
 
 /// Samples per step of a random walk: drift is slow against a tick.
-const DRIFT_INTERVAL: u32 = 100;
+const DRIFT_INTERVAL_SAMPLES: u32 = 100;
 const RING: usize = MAX_DELAY_MS as usize + 1;
 
 /// Delay line of samples.
@@ -57,8 +57,8 @@ impl Drift {
     pub fn new(start: f64, walk: f64) -> Self {
         Self {
             value: start,
-            step_sigma: walk * (f64::from(DRIFT_INTERVAL) * SAMPLE_PERIOD_S).sqrt(),
-            countdown: DRIFT_INTERVAL,
+            step_sigma: walk * (f64::from(DRIFT_INTERVAL_SAMPLES) * SAMPLE_PERIOD_S).sqrt(),
+            countdown: DRIFT_INTERVAL_SAMPLES,
         }
     }
 
@@ -67,7 +67,7 @@ impl Drift {
         let value = self.value;
         self.countdown -= 1;
         if self.countdown == 0 {
-            self.countdown = DRIFT_INTERVAL;
+            self.countdown = DRIFT_INTERVAL_SAMPLES;
             self.value += normal(random, self.step_sigma);
         }
         value

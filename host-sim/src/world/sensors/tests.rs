@@ -67,9 +67,9 @@ fn gauges_creep_and_warm() {
         let warmth = 10.0 * (1.0 - left(0.25, t));
         let held = 1e-3 * (1.0 - 0.01 * (1.0 - left(0.5, t))) * (1.0 + 1e-4 * warmth);
         for (bridge, zero) in [(0, 0.0), (1, 0.4e-6)] {
-            let seen = f64::from(counts[bridge]) * per_count;
+            let measured = f64::from(counts[bridge]) * per_count;
             let expected = held + zero * warmth;
-            assert!((seen - expected).abs() < 2e-8, "{seen} {expected}");
+            assert!((measured - expected).abs() < 2e-8, "{measured} {expected}");
         }
     }
 }
@@ -291,15 +291,15 @@ fn amplifier_lags_a_ramp_by_its_time_constant() {
     let mut filter = LowPass::new(200.0);
     let tau = 1.0 / (TAU * 200.0);
     filter.pass(0.0);
-    let mut seen = 0.0;
+    let mut measured = 0.0;
     for k in 1..=50 {
-        seen = filter.pass(f64::from(k) * SAMPLE_PERIOD_S);
+        measured = filter.pass(f64::from(k) * SAMPLE_PERIOD_S);
         let t = f64::from(k) * SAMPLE_PERIOD_S;
         // Ramp response of a first-order lag.
         let exact = t - tau * (1.0 - (-t / tau).exp());
-        assert!((seen - exact).abs() < 1e-12);
+        assert!((measured - exact).abs() < 1e-12);
     }
-    assert!((50.0 * SAMPLE_PERIOD_S - seen - tau).abs() < 1e-9);
+    assert!((50.0 * SAMPLE_PERIOD_S - measured - tau).abs() < 1e-9);
 }
 
 #[test]

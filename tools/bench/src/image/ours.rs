@@ -234,8 +234,9 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
         total.add(counter.cost(|| {
             let center = Transform::from(posture);
             let command = law.track(center, goal);
-            let wish = governor::Wish::from_curvature(cascade, command.v, command.kappa);
-            governor.step(&mut state, &wish);
+            let governor_input =
+                governor::GovernorInput::from_curvature(cascade, command.v, command.kappa);
+            governor.step(&mut state, &governor_input);
             cascade.references(center, &state.motion)
         }));
     }

@@ -162,12 +162,12 @@ fn approach_region_is_the_funnel_widened_by_its_slack() {
         for (share, within) in [(0.999, true), (1.001, false)] {
             // With the line of sight ahead, the funnel needs 3 |η| / e.
             let eta = share * bound * distance / 3.0;
-            let seen = PolarError {
+            let error = PolarError {
                 distance_m: distance,
                 theta: eta,
                 alpha: 0.0,
             };
-            assert_eq!(regulator.within_reach(seen), within, "{distance} {share}");
+            assert_eq!(regulator.within_reach(error), within, "{distance} {share}");
         }
     }
 }
@@ -265,7 +265,7 @@ fn phase_transitions_occur_at_their_limits() {
             next,
             elapsed,
             attempts,
-            doubt: 0.05,
+            no_progress_s: 0.05,
             ..state(phase)
         };
         let input = Input {
@@ -277,7 +277,7 @@ fn phase_transitions_occur_at_their_limits() {
         assert_eq!((state.phase, state.attempts), (expected, after), "{row}");
         assert_eq!(output.command.v, 0.0, "{row}");
         if phase != expected {
-            assert_eq!((state.elapsed, state.doubt), (0.0, 0.0), "{row}");
+            assert_eq!((state.elapsed, state.no_progress_s), (0.0, 0.0), "{row}");
             let fresh = matches!(expected, Steer | Approach);
             assert!(
                 !fresh || (state.origin, state.progress) == (input.posture, 0.0),
@@ -409,7 +409,7 @@ fn approach_ends_after_100_ms_outside_the_funnel_or_1_s_without_speed() {
     // First the default law; below, a law that commands almost no speed, inside the funnel.
     let regulator = plain();
     let (inside, outside) = (at(-1.0, 0.0, 0.0), at(-0.2, -0.3, 0.0));
-    for (doubt, input, phase, left) in [
+    for (no_progress_s, input, phase, left) in [
         (0.0, outside, Phase::Approach, 0.01),
         (0.085, outside, Phase::Approach, 0.095),
         (0.095, outside, Phase::Stop, 0.0),
@@ -417,34 +417,34 @@ fn approach_ends_after_100_ms_outside_the_funnel_or_1_s_without_speed() {
         (5.0, inside, Phase::Approach, 0.0),
     ] {
         let mut state = State {
-            doubt,
+            no_progress_s,
             next: Next::Step(0),
             ..state(Phase::Approach)
         };
         regulator.tick(&mut state, &input);
-        assert_eq!(state.phase, phase, "{doubt}");
+        assert_eq!(state.phase, phase, "{no_progress_s}");
         assert!(
-            (state.doubt - left).abs() < 1e-6,
-            "{doubt}: {}",
-            state.doubt
+            (state.no_progress_s - left).abs() < 1e-6,
+            "{no_progress_s}: {}",
+            state.no_progress_s
         );
         assert_eq!(state.attempts, u8::from(phase == Phase::Stop));
     }
     let mut config = Config::default();
     config.approach.approach_gain_m_s = 1e-4;
     let idle = config.build().unwrap();
-    for (doubt, phase) in [
+    for (no_progress_s, phase) in [
         (0.095, Phase::Approach),
         (0.985, Phase::Approach),
         (0.995, Phase::Hold),
     ] {
         let mut state = State {
-            doubt,
+            no_progress_s,
             next: Next::Step(0),
             ..state(Phase::Approach)
         };
         idle.tick(&mut state, &inside);
-        assert_eq!(state.phase, phase, "{doubt}");
+        assert_eq!(state.phase, phase, "{no_progress_s}");
     }
 }
 
@@ -590,7 +590,8 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
     }
 }
 
-/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, doubt (s), speed (m/s); phase after.
+/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, time without progress (s), speed (m/s);
+/// phase after.
 #[test]
 fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
     let regulator = regulator(Strategy::PaperLaw);
@@ -614,7 +615,7 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
     assert!(command(stall).v.abs() < 0.004, "{:?}", command(stall));
     let at_distance = |metres: f32| Posture::new(-metres, 0.0, 0.0);
     use Phase::{Approach, Done, GaveUp, Hold, Plan, Stop};
-    for (posture, phase, doubt, speed, expected) in [
+    for (posture, phase, no_progress_s, speed, expected) in [
         (far, Stop, 0.0, 0.0, Approach),
         (far, Plan, 0.0, 0.0, Approach),
         (far, Approach, 0.5, 0.0, Approach),
@@ -631,25 +632,32 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
         (at_distance(-0.074), Hold, 0.0, 0.1, Hold),
     ] {
         let mut state = State {
-            doubt,
+            no_progress_s,
             kappa: 0.25,
             ..state(phase)
         };
         let mut input = at(posture.x, posture.y, posture.phi);
         input.speed_m_s = speed;
         let output = regulator.tick(&mut state, &input);
-        let row = std::format!("{posture:?} {phase:?} {doubt}");
+        let row = std::format!("{posture:?} {phase:?} {no_progress_s}");
         assert_eq!(state.phase, expected, "{row}");
-        let slow = if posture == stall { doubt + 0.01 } else { 0.0 };
+        let slow = if posture == stall {
+            no_progress_s + 0.01
+        } else {
+            0.0
+        };
         if expected == Approach {
-            let asked = command(posture);
+            let limited_command = command(posture);
             assert!(
-                (output.command.v - asked.v).abs() < 1e-6,
+                (output.command.v - limited_command.v).abs() < 1e-6,
                 "{row}: {output:?}"
             );
-            assert!((output.command.kappa - asked.kappa).abs() < 1e-5, "{row}");
+            assert!(
+                (output.command.kappa - limited_command.kappa).abs() < 1e-5,
+                "{row}"
+            );
             let forward = state.plan.approach == Direction::Forward;
-            assert_eq!(forward, asked.v > 0.0, "{row}");
+            assert_eq!(forward, limited_command.v > 0.0, "{row}");
         } else {
             assert_eq!(
                 (output.command.v, output.command.kappa),
@@ -658,7 +666,11 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
             );
         }
         if (phase, expected) == (Approach, Approach) {
-            assert!((state.doubt - slow).abs() < 1e-6, "{row}: {}", state.doubt);
+            assert!(
+                (state.no_progress_s - slow).abs() < 1e-6,
+                "{row}: {}",
+                state.no_progress_s
+            );
         }
     }
 }

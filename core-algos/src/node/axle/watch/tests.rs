@@ -24,7 +24,7 @@ impl Watched {
         self.node.watch(NOW, &self.samples)
     }
 
-    fn heard(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
+    fn receive_heartbeat(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
         let time = NOW - ago;
         let message = beat(node, time, state, reason);
         self.node.state.peers.receive(time, &message);
@@ -77,7 +77,7 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     watched.node.state.output.active = true;
     watched.node.state.paused = true;
     for node in [Node::axle(0), Node::axle(1), Node::Lead] {
-        watched.heard(node, 0, OperatingState::Active, 0);
+        watched.receive_heartbeat(node, 0, OperatingState::Active, 0);
     }
     watched.age(0);
     watched.mode(LeadMode::Active, 0);
@@ -101,18 +101,18 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
         (&[MessageLost], |w| w.age(60_000), |w| w.age(30_000)),
         (
             &[NeighbourLost],
-            |w| w.heard(Node::axle(1), 50_001, OperatingState::Active, 0),
-            |w| w.heard(Node::axle(1), 50_000, OperatingState::Active, 0),
+            |w| w.receive_heartbeat(Node::axle(1), 50_001, OperatingState::Active, 0),
+            |w| w.receive_heartbeat(Node::axle(1), 50_000, OperatingState::Active, 0),
         ),
         (
             &[NeighbourFault],
-            |w| w.heard(Node::Lead, 0, OperatingState::Fault, 0x80),
-            |w| w.heard(Node::Lead, 0, OperatingState::Active, 0x80),
+            |w| w.receive_heartbeat(Node::Lead, 0, OperatingState::Fault, 0x80),
+            |w| w.receive_heartbeat(Node::Lead, 0, OperatingState::Active, 0x80),
         ),
         (
             &[NeighbourFault],
-            |w| w.heard(Node::Lead, 0, OperatingState::SafeStop, 0x80),
-            |w| w.heard(Node::Lead, 50_001, OperatingState::SafeStop, 0x80),
+            |w| w.receive_heartbeat(Node::Lead, 0, OperatingState::SafeStop, 0x80),
+            |w| w.receive_heartbeat(Node::Lead, 50_001, OperatingState::SafeStop, 0x80),
         ),
         (
             &[NotANumber],
@@ -241,11 +241,11 @@ fn neighbour_conditions_come_from_the_other_axle() {
         let sound = in_state(axle, OperatingState::Active);
         for (node, lost, fault) in [(own, false, false), (other, true, true)] {
             let mut silent = sound.clone();
-            silent.heard(node, 50_001, OperatingState::Active, 0);
+            silent.receive_heartbeat(node, 50_001, OperatingState::Active, 0);
             let found = silent.conditions();
             assert_eq!(found, Conditions::NONE.with(Condition::NeighbourLost, lost));
             let mut stopped = sound.clone();
-            stopped.heard(node, 0, OperatingState::SafeStop, 0x80);
+            stopped.receive_heartbeat(node, 0, OperatingState::SafeStop, 0x80);
             let found = stopped.conditions();
             assert_eq!(
                 found,
@@ -279,7 +279,7 @@ fn driving_and_powered_conditions_occur_in_their_states_alone() {
         assert!(!found(inactive, Condition::TrackingLost));
         let powered = matches!(state, Armed | Active | SafeStop);
         assert_eq!(!powered, matches!(state, Boot | Idle | Fault));
-        let fault = |w: &mut Watched| w.heard(Node::axle(1), 0, Fault, 0x80);
+        let fault = |w: &mut Watched| w.receive_heartbeat(Node::axle(1), 0, Fault, 0x80);
         assert_eq!(
             found(fault, Condition::NeighbourFault),
             powered,
@@ -289,7 +289,7 @@ fn driving_and_powered_conditions_occur_in_their_states_alone() {
             |w| w.samples.encoder.left = None,
             Condition::EncoderFault
         ));
-        let silent = |w: &mut Watched| w.heard(Node::axle(1), 50_001, Active, 0);
+        let silent = |w: &mut Watched| w.receive_heartbeat(Node::axle(1), 50_001, Active, 0);
         assert!(found(silent, Condition::NeighbourLost));
     }
 }
@@ -376,11 +376,11 @@ fn requests_match_the_table() {
                 watched.node.state.mode = mode.map(|mode| Stamped::new(mode, NOW - ago));
                 watched.node.state.paused = paused;
                 watched.age(reference);
-                let heard = mode.is_some();
+                let arrived = mode.is_some();
                 let mode = mode.filter(|_| ago <= 60_000);
                 let drives = matches!(mode, Some(Active | Hold));
                 let expected = match state {
-                    _ if !heard => None,
+                    _ if !arrived => None,
                     OperatingState::Boot => Some(StateRequest::Ready),
                     OperatingState::Idle => {
                         (drives && paused && reference <= 60_000).then_some(StateRequest::Arm)

@@ -55,9 +55,9 @@ impl World {
         let (before, lost, mut outbox) = (node.state.pairs[0].nis, node.state.lost, Outbox::new());
         let output = epoch_to(node, self.number, own, &mut outbox);
         let (nis, after) = (output.fused.beam.nis, node.state.pairs[0].nis);
-        let judged = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
+        let tested = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
         let mean = before + (nis.min(40.0) - before) / 256.0;
-        let expected = if judged { mean } else { before };
+        let expected = if tested { mean } else { before };
         assert!(
             (after - expected).abs() <= 1e-5 * expected,
             "{after} {expected}"
@@ -195,7 +195,7 @@ fn a_robot_whose_commander_is_lost_stops_and_is_not_done() {
         }
         assert!(world.node.state.governor.motion.v > 0.1);
         match lost {
-            true => world.node.lose_commander(),
+            true => world.node.on_host_lost(),
             false => world.node.command(Task::Stop),
         }
         let ends: Vec<Output> = (0..200).map(|_| world.step()).collect();
@@ -349,8 +349,8 @@ fn robot_without_the_beam_stops_after_the_degraded_distance() {
     let first = world.node.supervision().first();
     assert_eq!(first, Some(Condition::DegradedTooLong));
     // The loss counts after 0.15 s.
-    let way = distance(from, world.center());
-    assert!((0.2..0.25).contains(&way), "{way}");
+    let driven = distance(from, world.center());
+    assert!((0.2..0.25).contains(&driven), "{driven}");
 }
 
 /// Without reports of an epoch the references continue from the odometry before.
@@ -400,7 +400,7 @@ fn late_posture_of_the_beam_is_advanced_by_odometry() {
 #[test]
 fn the_robot_is_on_its_trajectory_at_every_time() {
     let mut world = World::new(Task::Idle);
-    let way = |time: f32| {
+    let arc_length = |time: f32| {
         let t = (time / 5.0).min(1.0);
         0.5 * t * t * t * (10.0 + t * (6.0 * t - 15.0))
     };
@@ -408,7 +408,7 @@ fn the_robot_is_on_its_trajectory_at_every_time() {
         let time_s = 0.05 * number as f32;
         let t = time_s / 5.0;
         let v = 0.1 * 30.0 * t * t * (1.0 - t) * (1.0 - t);
-        let point = on_circle(way(time_s));
+        let point = on_circle(arc_length(time_s));
         let point = TrajectoryPoint { time_s, v, point };
         world.node.path_task().push_trajectory_point(point).unwrap();
     }
@@ -419,9 +419,9 @@ fn the_robot_is_on_its_trajectory_at_every_time() {
         let Some(target) = output.target else { return };
         let begun = *begun.get_or_insert(world.number);
         let time = DT * (world.number - begun) as f32;
-        let meant = on_circle(way(time)).posture;
+        let meant = on_circle(arc_length(time)).posture;
         assert!(distance(target, meant) < 1e-3, "{time}: {target:?}");
-        let off = distance(world.center(), on_circle(way(time + DT)).posture);
+        let off = distance(world.center(), on_circle(arc_length(time + DT)).posture);
         assert!(off < 0.01, "{time}: {off}");
     });
     assert!(distance(world.center(), on_circle(0.5).posture) < 3e-3);
@@ -469,8 +469,8 @@ fn driven_robot_follows_its_commands_and_stops_without_them() {
     world.node.command(Task::Stop);
     world.run(|_, output| assert!(output.motion.v <= 0.0));
     // The first interval is already slower.
-    let way = 0.15 * 0.15 / 1.6 - 0.15 * DT;
-    assert!((distance(world.center(), before) - way).abs() < 1e-4);
+    let stopping_distance = 0.15 * 0.15 / 1.6 - 0.15 * DT;
+    assert!((distance(world.center(), before) - stopping_distance).abs() < 1e-4);
     let after = world.center();
     (0..50).for_each(|_| assert_eq!(world.step().mode, LeadMode::Hold));
     assert!(distance(world.center(), after) < 1e-3);
@@ -500,12 +500,12 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
     for case in 0..18 {
         let (mut node, mut fused) = (world.node.clone(), sound);
         let mut now = (world.number - 1) * EPOCH + LEAD_PHASE;
-        let hears = |node: &mut LeadNode, state, reason| {
+        let receive_status = |node: &mut LeadNode, state, reason| {
             node.receive(now, &beat(Node::axle(1), now, state, reason));
         };
         match case {
             1 => now += LATE - LEAD_PHASE,
-            2 | 13 => hears(&mut node, idle, 0),
+            2 | 13 => receive_status(&mut node, idle, 0),
             3 => node.pull(now, 0.04, 30.0),
             4 => node.pull(now, 0.06, 20.0),
             5 => node.pull(now - 100_000, 0.06, 30.0),
@@ -516,7 +516,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             10 => now += LATE - LEAD_PHASE + 1,
             11 => now += 51_000,
             12 => now += BEAM_PATIENCE + 1,
-            14 => hears(&mut node, OperatingState::SafeStop, 1),
+            14 => receive_status(&mut node, OperatingState::SafeStop, 1),
             15 => node.pull(now, -0.06, 30.0),
             16 => node.state.failed = Some(Condition::GaveUp),
             17 => node.state.failed = Some(Condition::NoProgress),
@@ -538,8 +538,8 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             17 => Condition::NoProgress,
             _ => Condition::Restarted,
         };
-        let seen = node.watch(now, Some(&Fused { pairs: [fused] }));
-        assert_eq!(seen == Conditions::NONE, case < 6, "{case}");
-        assert_eq!(seen.contains(expected), case > 5, "{case}");
+        let conditions = node.watch(now, Some(&Fused { pairs: [fused] }));
+        assert_eq!(conditions == Conditions::NONE, case < 6, "{case}");
+        assert_eq!(conditions.contains(expected), case > 5, "{case}");
     }
 }

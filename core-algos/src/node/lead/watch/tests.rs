@@ -1,4 +1,4 @@
-use super::super::Place;
+use super::super::Placement;
 use super::*;
 use crate::fusion::constants::{GYRO_BIAS, SCALE, ZERO};
 use crate::fusion::ekf::Verdict;
@@ -34,7 +34,7 @@ impl Watched {
         &mut self.node.state.pairs[0]
     }
 
-    fn heard(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
+    fn receive_heartbeat(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
         let time = NOW - ago;
         let message = beat(node, time, state, reason);
         self.node.state.peers.receive(time, &message);
@@ -42,7 +42,7 @@ impl Watched {
 
     /// Heartbeat of an axle in this state, `armed` µs after the lead node was armed.
     fn rests(&mut self, node: Node, state: OperatingState, armed: Micros) {
-        self.heard(node, 0, state, 0);
+        self.receive_heartbeat(node, 0, state, 0);
         self.node.state.armed = armed;
     }
 
@@ -73,7 +73,7 @@ impl Watched {
         self.node.state.tracks[axle].report.twist = Twist::new(v, omega);
     }
 
-    fn learnt(&mut self, constant: usize, value: f32) {
+    fn set_constant(&mut self, constant: usize, value: f32) {
         let fusion = self.pair().fusion.as_mut().unwrap();
         fusion.set_constant(constant, value);
     }
@@ -90,7 +90,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     let mut node = LeadNode::new(config.build_lead().unwrap());
     let relative = Posture::new(0.37, 0.0, 0.2);
     let sigmas = [1e-3; 3];
-    node.initialize(&Place {
+    node.initialize(&Placement {
         center: Estimate::with_sigmas(Posture::ORIGIN, sigmas),
         relative: Estimate::with_sigmas(relative, sigmas),
         floor_drift: 0.01,
@@ -108,7 +108,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
         fused: Some(Fused { pairs: [fused] }),
     };
     for node in [Node::axle(0), Node::axle(1)] {
-        watched.heard(node, 0, OperatingState::Active, 0);
+        watched.receive_heartbeat(node, 0, OperatingState::Active, 0);
     }
     (0..2).for_each(|axle| watched.reported(axle, 0));
     watched.bent(0.2, 0);
@@ -126,13 +126,13 @@ const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
         [
             (
                 LOST,
-                |w| w.heard(Node::axle(0), 50_001, Active, 0),
-                |w| w.heard(Node::axle(0), 50_000, Active, 0),
+                |w| w.receive_heartbeat(Node::axle(0), 50_001, Active, 0),
+                |w| w.receive_heartbeat(Node::axle(0), 50_000, Active, 0),
             ),
             (
                 FAULT,
-                |w| w.heard(Node::axle(1), 0, SafeStop, 0x80),
-                |w| w.heard(Node::axle(1), 0, SafeStop, 0),
+                |w| w.receive_heartbeat(Node::axle(1), 0, SafeStop, 0x80),
+                |w| w.receive_heartbeat(Node::axle(1), 0, SafeStop, 0),
             ),
             (
                 FAULT,
@@ -143,13 +143,13 @@ const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
         [
             (
                 LOST,
-                |w| w.heard(Node::axle(1), 50_001, Active, 0),
-                |w| w.heard(Node::axle(1), 50_000, Active, 0),
+                |w| w.receive_heartbeat(Node::axle(1), 50_001, Active, 0),
+                |w| w.receive_heartbeat(Node::axle(1), 50_000, Active, 0),
             ),
             (
                 FAULT,
-                |w| w.heard(Node::axle(0), 0, Fault, 0x80),
-                |w| w.heard(Node::axle(0), 0, Active, 0x80),
+                |w| w.receive_heartbeat(Node::axle(0), 0, Fault, 0x80),
+                |w| w.receive_heartbeat(Node::axle(0), 0, Active, 0x80),
             ),
             (
                 FAULT,
@@ -209,8 +209,8 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
         ),
         (
             &[WheelsInconsistent],
-            |w| w.learnt(SCALE, 1.0),
-            |w| w.learnt(SCALE, 0.0),
+            |w| w.set_constant(SCALE, 1.0),
+            |w| w.set_constant(SCALE, 0.0),
         ),
         (
             &[BeamInconsistent],
@@ -254,7 +254,7 @@ fn each_failure_reason_and_inconsistent_part_has_its_condition() {
     ];
     for (constant, condition) in parts {
         let mut watched = in_state(OperatingState::Active);
-        watched.learnt(constant, 1.0);
+        watched.set_constant(constant, 1.0);
         assert_eq!(watched.conditions(), Conditions::only(condition));
     }
     for reason in [Condition::GaveUp, Condition::NoProgress] {
@@ -279,7 +279,7 @@ fn powered_and_driving_conditions_occur_in_their_states_alone() {
         for of_estimate in [Condition::EstimateInconsistent, Condition::EstimateVague] {
             assert!(!found(|w| w.fused = None, of_estimate));
         }
-        let stopped = |w: &mut Watched| w.heard(Node::axle(1), 0, Fault, 0x80);
+        let stopped = |w: &mut Watched| w.receive_heartbeat(Node::axle(1), 0, Fault, 0x80);
         assert_eq!(found(stopped, Condition::NeighbourFault), powered);
         let late = |w: &mut Watched| w.reported(1, 20_001);
         assert_eq!(found(late, Condition::MessageLost), powered);
@@ -288,7 +288,7 @@ fn powered_and_driving_conditions_occur_in_their_states_alone() {
             found(refused, Condition::EstimateInconsistent),
             state == Active
         );
-        let silent = |w: &mut Watched| w.heard(Node::axle(0), 50_001, Active, 0);
+        let silent = |w: &mut Watched| w.receive_heartbeat(Node::axle(0), 50_001, Active, 0);
         assert!(found(silent, Condition::NeighbourLost), "{state:?}");
     }
 }
@@ -388,18 +388,18 @@ fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
 /// Each of three causes alone, and only at the end of a task.
 #[test]
 fn end_with_inconsistency_or_wide_covariance_is_uncertain() {
-    let doubts: [fn(&mut Watched); 3] = [
-        |w| w.learnt(ZERO, 1.0),
+    let causes: [fn(&mut Watched); 3] = [
+        |w| w.set_constant(ZERO, 1.0),
         |w| w.pair().nis = 3.1,
         |w| w.fused().robot.covariance[0][0] = 0.01,
     ];
-    for doubt in doubts {
+    for apply in causes {
         for done in [false, true] {
             let mut watched = in_state(OperatingState::Active);
             watched.node.state.done = done;
             let uncertain = Condition::ReachedUncertain;
             assert!(!watched.conditions().contains(uncertain));
-            doubt(&mut watched);
+            apply(&mut watched);
             assert_eq!(watched.conditions().contains(uncertain), done);
         }
     }
@@ -538,7 +538,7 @@ fn a_lost_commander_stops_tasks_that_move_the_robot() {
         let mut watched = in_state(OperatingState::Active);
         watched.node.command(task);
         watched.node.state.done = over;
-        watched.node.lose_commander();
+        watched.node.on_host_lost();
         let state = &watched.node.state;
         assert_eq!(state.lost, lost, "{task:?} {over}");
         assert_eq!(state.task, if lost { Task::Stop } else { task });

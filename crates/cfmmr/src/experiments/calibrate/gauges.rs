@@ -5,7 +5,7 @@ use host_sim::base::statistics::square;
 
 /// Mean counts of the gauges at a known strain.
 #[derive(Clone, Copy, Debug)]
-pub struct Held {
+pub struct CalibrationPoint {
     /// Strain of the outer fibre.
     pub strain: f64,
     /// Mean counts.
@@ -14,9 +14,10 @@ pub struct Held {
 
 /// Zero (counts) and gain (true strain over measured strain) of a gauge, by least squares; `None` if all strains are
 /// equal.
-pub fn fit(held: &[Held], gauge: usize, strain_per_count: f64) -> Option<(f64, f64)> {
-    let count = held.len() as f64;
-    let mean = |value: &dyn Fn(&Held) -> f64| held.iter().map(value).sum::<f64>() / count;
+pub fn fit(points: &[CalibrationPoint], gauge: usize, strain_per_count: f64) -> Option<(f64, f64)> {
+    let count = points.len() as f64;
+    let mean =
+        |value: &dyn Fn(&CalibrationPoint) -> f64| points.iter().map(value).sum::<f64>() / count;
     let strain = mean(&|item| item.strain);
     let counts = mean(&|item| item.counts[gauge]);
     let square = mean(&|item| square(item.strain - strain));
@@ -34,13 +35,13 @@ mod tests {
     #[test]
     fn zero_and_gain_need_two_strains() {
         let (zero, gain, unit) = (8123.4, 0.97, 5e-7);
-        let held = |strain: f64| Held {
+        let point = |strain: f64| CalibrationPoint {
             strain,
             counts: [zero + strain / (gain * unit); MAX_GAUGES],
         };
-        let (found, factor) = fit(&[held(0.0), held(7e-4), held(-5e-4)], 2, unit).unwrap();
+        let (found, factor) = fit(&[point(0.0), point(7e-4), point(-5e-4)], 2, unit).unwrap();
         assert!((found - zero).abs() < 1e-8 && (factor - gain).abs() < 1e-12);
-        assert_eq!(fit(&[held(7e-4)], 2, unit), None);
+        assert_eq!(fit(&[point(7e-4)], 2, unit), None);
         assert_eq!(fit(&[], 2, unit), None);
     }
 }

@@ -13,7 +13,7 @@ use core_algos::math::{Posture, Steering};
 use core_algos::params::Settings;
 use core_algos::time::EPOCH;
 use core_algos::topology::{FrameId, Role};
-use gauges::Held;
+use gauges::CalibrationPoint;
 use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::paths::{Path, Waypoint};
@@ -47,7 +47,7 @@ const HALF_SIDE_M: f64 = 1.0;
 const CORNER_M: f64 = 0.6;
 
 /// Simulated robot under calibration, with its boards.
-pub struct Bench {
+pub struct CalibrationBench {
     robot: Drawn,
     seed: u64,
     /// True if the boards are outside of this process.
@@ -59,7 +59,7 @@ pub struct Bench {
 
 /// Result of a run on a path.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Run {
+pub struct CalibrationRun {
     /// Odometry and measured end of each axle, front first.
     pub axles: Vec<Return>,
     /// True turn less odometric turn of each axle, rad.
@@ -70,7 +70,7 @@ pub struct Run {
     pub beam: [f64; 3],
 }
 
-impl Bench {
+impl CalibrationBench {
     /// Robot drawn with `seed`; its boards are `boards`, or in this process.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
@@ -88,16 +88,21 @@ impl Bench {
     }
 
     /// Drives a path with the noise and placement of draw `run`; draw 0 is the robot.
-    pub fn drive(&mut self, scenario: &Scenario, path: &Path, run: u64) -> Result<Run, Error> {
+    pub fn drive(
+        &mut self,
+        scenario: &Scenario,
+        path: &Path,
+        run: u64,
+    ) -> Result<CalibrationRun, Error> {
         let mut scenario = scenario.clone();
         let route = Route::new(path, 1, &scenario);
         let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
         scenario.mission.start = route.start();
         let topology = scenario.robot.topology();
-        let placed = scenario.world.draw(topology, self.seed, run);
+        let drawn = scenario.world.draw(topology, self.seed, run);
         let robot = Drawn {
-            placement: placed.placement,
-            encoder_phase: placed.encoder_phase,
+            placement: drawn.placement,
+            encoder_phase: drawn.encoder_phase,
             ..self.robot.clone()
         };
         let boards = self.boards.take();
@@ -105,7 +110,7 @@ impl Bench {
         let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
         simulation.record_trace();
         simulation.control_mut().interrupt = Some(self.interrupt.clone());
-        let mut seen = Seen::new(&simulation, &scenario);
+        let mut bus_postures = BusPostures::new(&simulation, &scenario);
         let mut relative = Vec::new();
         let mut estimate = Posture::ORIGIN;
         let outcome =
@@ -123,35 +128,35 @@ impl Bench {
         }
         let trace = simulation.take_trace();
         let frames = trace.iter().flat_map(Trace::frames);
-        frames.for_each(|frame| seen.take(frame));
+        frames.for_each(|frame| bus_postures.receive(frame));
         let mut random = generator(self.seed, run, Stream::Other(77));
         let mut tape = || normal(&mut random, TAPE_SIGMA_M);
         let axles = simulation.plant().axles().iter().enumerate();
         let mut heading = Vec::new();
         let axles = axles.map(|(i, axle)| {
-            let [x, y, phi] = between(seen.axles[i], axle.posture);
-            heading.push(wrap(phi - seen.laps[i].end()[2]));
+            let [x, y, phi] = between(bus_postures.axles[i], axle.posture);
+            heading.push(wrap(phi - bus_postures.laps[i].end()[2]));
             Return {
-                lap: seen.laps[i].clone(),
+                lap: bus_postures.laps[i].clone(),
                 // The heading is measured by marks at both wheels.
                 end: [
                     x + tape(),
                     y + tape(),
-                    phi + (tape() - tape()) / seen.track_m[i],
+                    phi + (tape() - tape()) / bus_postures.track_m[i],
                 ],
             }
         });
         let axles = axles.collect();
-        let truth = between(seen.midpoint, simulation.plant().midpoint());
+        let truth = between(bus_postures.midpoint, simulation.plant().midpoint());
         let estimate = [estimate.x, estimate.y, estimate.phi].map(f64::from);
         let estimate = between(route.start(), estimate);
         let robot = [0, 1].map(|k| truth[k] + tape() - estimate[k]);
         let settled = (scenario.mission.settle_s * 1e6) as u64 / EPOCH;
-        let beam = seen.beam_error(&relative, settled as usize + 1);
+        let beam = bus_postures.beam_error(&relative, settled as usize + 1);
         if self.remote {
             self.boards = Some(simulation.release());
         }
-        Ok(Run {
+        Ok(CalibrationRun {
             axles,
             heading,
             robot,
@@ -160,10 +165,14 @@ impl Bench {
     }
 
     /// Mean counts of the gauges with the strip straight, then on formers of the given curvatures, 1/m.
-    pub fn hold(&self, scenario: &Scenario, curvatures: &[f64]) -> Result<Vec<Held>, Error> {
+    pub fn hold(
+        &self,
+        scenario: &Scenario,
+        curvatures: &[f64],
+    ) -> Result<Vec<CalibrationPoint>, Error> {
         const SAMPLES: usize = 3000;
         let bridge = &scenario.world.sensors.bridge;
-        let believed = f64::from(scenario.robot.geometry.half_thickness_m);
+        let configured_half_thickness = f64::from(scenario.robot.geometry.half_thickness_m);
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // The common offset after zeroing is from the straight edge; the drift since zeroing is 0.
         let edge = normal(&mut random, bridge.common_sigma_strain);
@@ -171,9 +180,9 @@ impl Bench {
         robot.frames[0].bridge_drift = [0.0; MAX_GAUGES];
         let mut sensors = Sensors::new(&scenario.world.sensors, &robot, self.seed, 1)?;
         let middle = f64::from(bridge.full_scale_counts());
-        let mut held = Vec::new();
+        let mut points = Vec::new();
         for curvature in [0.0].iter().chain(curvatures) {
-            let strain = believed * curvature;
+            let strain = configured_half_thickness * curvature;
             let former = normal(&mut random, FORMER_SIGMA);
             let bent = bridge.half_thickness_m * curvature * (1.0 + former);
             let truth = Truth {
@@ -181,23 +190,27 @@ impl Bench {
                 ..Truth::default()
             };
             let mut sums = [0.0; MAX_GAUGES];
-            for k in 0..SAMPLES + SETTLE {
+            for k in 0..SAMPLES + SETTLE_SAMPLES {
                 let counts = sensors.sample(&truth).frames[0];
                 for (sum, count) in sums.iter_mut().zip(counts) {
-                    *sum += if k < SETTLE { 0.0 } else { f64::from(count) };
+                    *sum += if k < SETTLE_SAMPLES {
+                        0.0
+                    } else {
+                        f64::from(count)
+                    };
                 }
             }
             let counts = sums.map(|sum| middle + sum / SAMPLES as f64);
-            held.push(Held { strain, counts });
+            points.push(CalibrationPoint { strain, counts });
         }
-        Ok(held)
+        Ok(points)
     }
 
     /// Gyro readings of each axle while the robot is turned by hand on the spot: three turns to the left, then three to
     /// the right, each between two rests.
     pub fn turn(&self, scenario: &Scenario) -> Result<Vec<Vec<Turn>>, Error> {
-        const REST: usize = 3000;
-        const TURNING: usize = 18_000;
+        const REST_SAMPLES: usize = 3000;
+        const TURN_SAMPLES: usize = 18_000;
         let mut config = scenario.world.sensors.clone();
         config.gyro.fitted = true;
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
@@ -210,14 +223,16 @@ impl Bench {
         for angle in [3.0 * TAU, -3.0 * TAU] {
             let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
             let mut sums = vec![[Sum::default(); 3]; all.len()];
-            for k in 0..REST + TURNING + REST {
-                let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
+            for k in 0..REST_SAMPLES + TURN_SAMPLES + REST_SAMPLES {
+                let part =
+                    usize::from(k >= REST_SAMPLES) + usize::from(k >= REST_SAMPLES + TURN_SAMPLES);
                 // The turn starts and ends smoothly, within its own part of the readings.
-                let share = (k as f64 - REST as f64) / TURNING as f64;
+                let share = (k as f64 - REST_SAMPLES as f64) / TURN_SAMPLES as f64;
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {
                         let phase = (share - 0.01) / 0.98;
-                        turned / (0.98 * TURNING as f64 * 1e-3) * (1.0 - libm::cos(TAU * phase))
+                        turned / (0.98 * TURN_SAMPLES as f64 * 1e-3)
+                            * (1.0 - libm::cos(TAU * phase))
                     }
                     _ => 0.0,
                 };
@@ -242,10 +257,10 @@ impl Bench {
 }
 
 /// Samples discarded after a change, while filters and delays settle.
-const SETTLE: usize = 500;
+const SETTLE_SAMPLES: usize = 500;
 
-/// Square with round corners, from the middle of a side along x; `way` is 1 for a left turn, −1 for a right turn.
-pub fn square(way: f64) -> Result<Path, Error> {
+/// Square with round corners, from the middle of a side along x; `direction` is 1 for a left turn, −1 for a right turn.
+pub fn square(direction: f64) -> Result<Path, Error> {
     let (side, inner) = (2.0 * HALF_SIDE_M, HALF_SIDE_M - CORNER_M);
     let mut points = Vec::new();
     for quarter in 0..4 {
@@ -253,7 +268,7 @@ pub fn square(way: f64) -> Result<Path, Error> {
         let mut add = |x: f64, y: f64| {
             // Rotated about the middle of the square.
             let y = y - HALF_SIDE_M;
-            let at = (c * x - s * y, way * (s * x + c * y + HALF_SIDE_M));
+            let at = (c * x - s * y, direction * (s * x + c * y + HALF_SIDE_M));
             points.push(Waypoint::from(at));
         };
         add(0.0, 0.0);
@@ -270,7 +285,7 @@ pub fn square(way: f64) -> Result<Path, Error> {
 }
 
 /// Odometry and beam postures from the bus, and start postures.
-struct Seen {
+struct BusPostures {
     axles: Vec<[f64; 3]>,
     midpoint: [f64; 3],
     laps: Vec<Lap>,
@@ -280,33 +295,33 @@ struct Seen {
     beam: Vec<[f64; 3]>,
 }
 
-impl Seen {
+impl BusPostures {
     fn new(simulation: &Simulation, scenario: &Scenario) -> Self {
-        let believed =
-            |role| believed(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
+        let configured_track =
+            |role| configured_axle(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
         let axles = simulation.plant().axles();
         let roles = scenario.robot.topology().axles().map(Role::Axle);
         Self {
             axles: axles.iter().map(|axle| axle.posture).collect(),
             midpoint: simulation.plant().midpoint(),
             laps: vec![Lap::default(); axles.len()],
-            track_m: roles.map(believed).collect(),
+            track_m: roles.map(configured_track).collect(),
             relative_heading: 0.0,
             beam: Vec::new(),
         }
     }
 
-    fn take(&mut self, frame: &CanFrame) {
+    fn receive(&mut self, frame: &CanFrame) {
         match bus::decode(frame) {
             Ok(Message::AxlePosture { axle, posture, .. }) => {
-                let place = [posture.x, posture.y, posture.phi].map(f64::from);
+                let odometry = [posture.x, posture.y, posture.phi].map(f64::from);
                 let axle = (
                     self.laps.get_mut(axle.index()),
                     self.track_m.get(axle.index()),
                 );
                 if let (Some(lap), Some(track)) = axle {
                     let epoch = EPOCH as f64 * 1e-6;
-                    lap.add(place, *track, self.relative_heading, epoch);
+                    lap.add(odometry, *track, self.relative_heading, epoch);
                 }
             }
             Ok(Message::BeamPosture {
@@ -316,8 +331,8 @@ impl Seen {
                 ..
             }) => {
                 let bad = if gauges > 0 { 0.0 } else { f64::NAN };
-                let place = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
-                self.beam.push(place);
+                let relative = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
+                self.beam.push(relative);
             }
             // The commanded steering has no sensor errors.
             Ok(Message::LeadStatus { steering_rad, .. }) => {
@@ -331,9 +346,9 @@ impl Seen {
     fn beam_error(&self, truth: &[[f64; 3]], first: usize) -> [f64; 3] {
         let pairs = self.beam.iter().skip(first).zip(truth);
         let (mut sums, mut count) = ([0.0; 3], 0.0);
-        for (seen, truth) in pairs {
+        for (measured, truth) in pairs {
             for k in 0..3 {
-                sums[k] += statistics::square(seen[k] - truth[k]);
+                sums[k] += statistics::square(measured[k] - truth[k]);
             }
             count += 1.0;
         }
@@ -342,11 +357,11 @@ impl Seen {
 }
 
 /// Constants of an axle as configured in its board.
-pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> {
+pub fn configured_axle(scenario: &Scenario, role: Role) -> Result<wheels::AxleConstants, Error> {
     let mut settings = Settings::new(scenario.robot);
     scenario.boards.apply(role, &mut settings)?;
     let geometry = &settings.robot.geometry;
-    Ok(wheels::Axle {
+    Ok(wheels::AxleConstants {
         radius_m: geometry.wheel_radius_m.into(),
         ratio: geometry.wheel_ratio.into(),
         half_track_m: geometry.half_track_m.into(),

@@ -1,8 +1,10 @@
 //! Procedures of a calibration: runs, and the constants computed from them.
 
 use crate::experiments::calibrate::wheels;
-use crate::experiments::calibrate::wheels::{Errors, systematic};
-use crate::experiments::calibrate::{Bench, Run, believed, gauges, square, turns};
+use crate::experiments::calibrate::wheels::{OdometryErrors, systematic};
+use crate::experiments::calibrate::{
+    CalibrationBench, CalibrationRun, configured_axle, gauges, square, turns,
+};
 use core_algos::params::{Parameter, Settings, find};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -16,7 +18,7 @@ use serde::Serialize;
 /// Speeds of the squares, m/s. Two speeds separate creep, which grows with time, from a wrong track.
 pub(super) const SPEEDS_M_S: [f32; 2] = [0.2, 0.1];
 /// Directions of the squares: 1 left, −1 right.
-pub(super) const WAYS: [f64; 2] = [1.0, -1.0];
+pub(super) const DIRECTIONS: [f64; 2] = [1.0, -1.0];
 /// Length of the straight line, m.
 pub(super) const STRAIGHT_M: f64 = 4.0;
 /// Curvatures of the formers, 1/m.
@@ -24,7 +26,7 @@ pub(super) const FORMERS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
 
 /// Calibrated parameter.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Row {
+pub(super) struct CalibratedParameter {
     pub(super) board: &'static str,
     pub(super) name: &'static str,
     pub(super) unit: &'static str,
@@ -45,12 +47,12 @@ pub(super) struct Effect {
 
 /// Result.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Report {
+pub struct CalibrationReport {
     /// World of the robot.
     pub world: String,
     /// Seed of all draws.
     pub seed: u64,
-    pub(super) parameters: Vec<Row>,
+    pub(super) parameters: Vec<CalibratedParameter>,
     pub(super) effects: Vec<Effect>,
     pub(super) notes: Vec<String>,
     /// True if the boards have saved the parameters.
@@ -64,7 +66,7 @@ pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
     find(name).ok_or_else(|| Error::Failure(format!("{name}: no such parameter")))
 }
 
-impl Report {
+impl CalibrationReport {
     /// Empty report.
     fn of(scenario: &Scenario) -> Self {
         Self {
@@ -85,7 +87,7 @@ impl Report {
         let parameter = parameter(name)?;
         let value = parameter.validate(after as f32)?;
         self.found.put(role, &Values::from([(parameter, value)]));
-        self.parameters.push(Row {
+        self.parameters.push(CalibratedParameter {
             board: self.found.topology.name(role),
             name: parameter.name,
             unit: parameter.unit,
@@ -113,7 +115,7 @@ impl Report {
 
     /// Tables and notes.
     pub fn text(&self) -> String {
-        let digits = |row: &Row| if row.unit == "counts" { 2 } else { 6 };
+        let digits = |row: &CalibratedParameter| if row.unit == "counts" { 2 } else { 6 };
         let mut table = Table::new([
             "parameter",
             "board",
@@ -150,19 +152,23 @@ impl Report {
 }
 
 /// Squares in both directions at both speeds, nominal speed first: speed, direction, run.
-pub(super) struct Squares(Vec<(f32, f64, Run)>);
+pub(super) struct Squares(Vec<(f32, f64, CalibrationRun)>);
 
 impl Squares {
-    pub(super) fn drive(scenario: &Scenario, bench: &mut Bench, laps: u32) -> Result<Self, Error> {
+    pub(super) fn drive(
+        scenario: &Scenario,
+        bench: &mut CalibrationBench,
+        laps: u32,
+    ) -> Result<Self, Error> {
         let (mut runs, mut number) = (Vec::new(), 10);
         for speed in SPEEDS_M_S {
             let mut scenario = scenario.clone();
             scenario.robot.lead.course.path.nominal_speed_m_s = speed;
-            for way in WAYS {
+            for direction in DIRECTIONS {
                 for _ in 0..laps {
                     number += 1;
-                    let run = bench.drive(&scenario, &square(way)?, number)?;
-                    runs.push((speed, way, run));
+                    let run = bench.drive(&scenario, &square(direction)?, number)?;
+                    runs.push((speed, direction, run));
                 }
             }
         }
@@ -170,24 +176,24 @@ impl Squares {
     }
 
     /// UMBmark's systematic error at the nominal speed, from the return error of each run.
-    pub(super) fn systematic(&self, error: impl Fn(&Run) -> [f64; 2]) -> f64 {
+    pub(super) fn systematic(&self, error: impl Fn(&CalibrationRun) -> [f64; 2]) -> f64 {
         let of = |wanted: f64| -> Vec<[f64; 2]> {
             let runs = self.0.iter();
-            runs.filter(|(speed, way, _)| *speed == SPEEDS_M_S[0] && *way == wanted)
+            runs.filter(|(speed, direction, _)| *speed == SPEEDS_M_S[0] && *direction == wanted)
                 .map(|(_, _, run)| error(run))
                 .collect()
         };
-        systematic([&of(WAYS[0]), &of(WAYS[1])])
+        systematic([&of(DIRECTIONS[0]), &of(DIRECTIONS[1])])
     }
 }
 
 /// Wheel radius, wheel ratio and track of each axle, from a straight line and squares.
 pub fn calibrate_wheels(
     scenario: &Scenario,
-    bench: &mut Bench,
+    bench: &mut CalibrationBench,
     laps: u32,
-) -> Result<Report, Error> {
-    let mut report = Report::of(scenario);
+) -> Result<CalibrationReport, Error> {
+    let mut report = CalibrationReport::of(scenario);
     let line = Path::line(STRAIGHT_M).map_err(|error| Error::Failure(error.to_string()))?;
     let straight = [
         bench.drive(scenario, &line, 1)?,
@@ -209,8 +215,8 @@ pub fn calibrate_wheels(
             .iter()
             .map(|(_, _, run)| run.axles[i].clone())
             .collect();
-        let old = believed(scenario, role)?;
-        let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m)
+        let old = configured_axle(scenario, role)?;
+        let errors: OdometryErrors = wheels::fit(&returns, 2.0 * old.half_track_m)
             .ok_or_else(|| Error::Failure(format!("{name} axle: the fit of the squares failed")))?;
         creep.push(errors.creep);
         let new = old.corrected(scale, &errors);
@@ -232,7 +238,7 @@ pub fn calibrate_wheels(
             report.find(role, &format!("robot.geometry.{name}"), old, new, truth)?;
         }
     }
-    let after = Squares::drive(&with(scenario, &report.found)?, bench, laps)?;
+    let after = Squares::drive(&with_parameters(scenario, &report.found)?, bench, laps)?;
     let both = [&before, &after];
     for (i, name) in names.clone().enumerate() {
         let measured = both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].error()));
@@ -260,15 +266,18 @@ pub fn calibrate_wheels(
 }
 
 /// Zeros and gains of the strain gauges, from a straight strip and formers.
-pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
-    let mut report = Report::of(scenario);
+pub fn calibrate_gauges(
+    scenario: &Scenario,
+    bench: &mut CalibrationBench,
+) -> Result<CalibrationReport, Error> {
+    let mut report = CalibrationReport::of(scenario);
     let bridge = &scenario.world.sensors.bridge;
     let middle = f64::from(bridge.full_scale_counts());
-    let held = bench.hold(scenario, &FORMERS)?;
+    let points = bench.hold(scenario, &FORMERS)?;
     let count = scenario.robot.beam.strip.gauges_m.count();
     let (mut zeros, mut gains) = (Vec::new(), Vec::new());
     for i in 0..count {
-        let found = gauges::fit(&held, i, bridge.strain_per_count());
+        let found = gauges::fit(&points, i, bridge.strain_per_count());
         let (zero, gain) = found.ok_or_else(|| {
             Error::Failure(format!(
                 "gauge {i}: the strains of the postures do not differ"
@@ -300,7 +309,11 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     let ends = [&zeroed, &report.found];
     let mut errors = Vec::new();
     for overlays in ends {
-        errors.push(bench.drive(&with(scenario, overlays)?, &lap, 3)?.beam);
+        errors.push(
+            bench
+                .drive(&with_parameters(scenario, overlays)?, &lap, 3)?
+                .beam,
+        );
     }
     for (k, (what, unit)) in [
         ("frame's end on a lap, x", "mm"),
@@ -337,8 +350,11 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
 }
 
 /// Gains of the gyros, from turns by known angles.
-pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
-    let mut report = Report::of(scenario);
+pub fn calibrate_gyros(
+    scenario: &Scenario,
+    bench: &mut CalibrationBench,
+) -> Result<CalibrationReport, Error> {
+    let mut report = CalibrationReport::of(scenario);
     let turned = bench.turn(scenario)?;
     let topology = scenario.robot.topology();
     for axle in topology.axles() {
@@ -362,7 +378,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
     fitted.world.sensors.gyro.fitted = true;
     let lap = square(1.0)?;
     let before = bench.drive(&fitted, &lap, 4)?;
-    let after = bench.drive(&with(&fitted, &report.found)?, &lap, 4)?;
+    let after = bench.drive(&with_parameters(&fitted, &report.found)?, &lap, 4)?;
     for axle in topology.axles() {
         let (i, name) = (axle.index(), topology.name(Role::Axle(axle)));
         let errors = [&before, &after].map(|run| 1e3 * run.heading[i].abs());
@@ -374,7 +390,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
 }
 
 /// Scenario with the calibrated parameters.
-fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
+fn with_parameters(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
     for role in found.topology.boards() {
         scenario.boards.put(role, &found.values(role)?);

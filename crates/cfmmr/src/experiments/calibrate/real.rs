@@ -16,13 +16,13 @@ use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Timeout of the procedure; averaging takes 3 s.
-const PATIENCE: Duration = Duration::from_secs(15);
+const TIMEOUT: Duration = Duration::from_secs(15);
 /// Timeout of one read.
-const WAIT: Duration = Duration::from_millis(10);
+const READ_TIMEOUT: Duration = Duration::from_millis(10);
 
 /// Result.
 #[derive(Debug, Serialize)]
-struct Report {
+struct BoardCalibrationReport {
     calibrate: Calibrate,
     result: CalibrationResult,
     /// Gauge that caused the failure, counted from 1 at the root.
@@ -61,7 +61,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
         ));
     };
     if confirm {
-        wait(&hold)?;
+        wait_for_confirmation(&hold)?;
     }
     let link = BoardLink::new(links.robot, Role::LEAD, 0);
     let (result, gauge) = request(port, link, sequence, &frame)?;
@@ -69,7 +69,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
         result,
         CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
     );
-    let report = Report {
+    let report = BoardCalibrationReport {
         calibrate,
         result,
         gauge: named.then_some(gauge.saturating_add(1)),
@@ -82,7 +82,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
 }
 
 /// Waits until the user confirms that the strip is held.
-fn wait(hold: &str) -> Result<(), Error> {
+fn wait_for_confirmation(hold: &str) -> Result<(), Error> {
     if !io::stdin().is_terminal() {
         return Err(Error::input(
             "standard input is not a terminal, so the held strip cannot be confirmed: use --yes",
@@ -107,11 +107,11 @@ fn request(
     link.send(frame);
     let began = Instant::now();
     let mut room = [0; 512];
-    while began.elapsed() < PATIENCE {
+    while began.elapsed() < TIMEOUT {
         if let Some(bytes) = link.to_send(began.elapsed().as_micros() as u64)? {
             port.send(bytes)?;
         }
-        let count = port.receive(&mut room, WAIT)?;
+        let count = port.receive(&mut room, READ_TIMEOUT)?;
         link.take(&room[..count])?;
         for frame in link.take_frames() {
             if let Ok(Message::BeamCalibrated {
@@ -127,6 +127,6 @@ fn request(
         }
     }
     Err(Error::Failure(format!(
-        "beam board: no answer in {PATIENCE:?}: check that the beam board is on the bus"
+        "beam board: no answer in {TIMEOUT:?}: check that the beam board is on the bus"
     )))
 }

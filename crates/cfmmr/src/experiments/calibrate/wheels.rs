@@ -19,14 +19,14 @@ const MARK_M: f64 = 1e-3;
 /// Odometry of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lap {
-    place: Option<[f64; 3]>,
-    steps: Vec<Step>,
+    last_posture: Option<[f64; 3]>,
+    steps: Vec<OdometryStep>,
 }
 
 /// Odometric motion ahead and aside, m, and turn, rad; additional turn per unit of each error, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Step {
-    way: [f64; 2],
+struct OdometryStep {
+    displacement: [f64; 2],
     turn: f64,
     by_errors: [f64; 3],
 }
@@ -36,7 +36,7 @@ impl Lap {
     /// the range of the bus format. During the preceding `dt_s`, the relative heading was `heading_rad`.
     pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
         let [mut x, mut y, phi] = posture;
-        if let Some([x0, y0, phi0]) = self.place {
+        if let Some([x0, y0, phi0]) = self.last_posture {
             let span = f64::from(POSITION_SPAN_M);
             x -= span * ((x - x0) / span).round();
             y -= span * ((y - y0) / span).round();
@@ -44,18 +44,18 @@ impl Lap {
             let (s, c) = libm::sincos(phi0 + 0.5 * turn);
             let ahead = c * (x - x0) + s * (y - y0);
             let aside = c * (y - y0) - s * (x - x0);
-            self.steps.push(Step {
-                way: [ahead, aside],
+            self.steps.push(OdometryStep {
+                displacement: [ahead, aside],
                 turn,
                 by_errors: [2.0 * ahead / track_m, turn, heading_rad * dt_s],
             });
         }
-        self.place = Some([x, y, phi]);
+        self.last_posture = Some([x, y, phi]);
     }
 
     /// Final odometric posture: m, m, rad.
     pub fn end(&self) -> [f64; 3] {
-        self.place.unwrap_or_default()
+        self.last_posture.unwrap_or_default()
     }
 
     /// Final posture of the axle with the given odometry errors, and its derivatives by the errors.
@@ -66,7 +66,7 @@ impl Lap {
             let besides: f64 = (0..3).map(|k| step.by_errors[k] * errors[k]).sum();
             let turn = step.turn + besides;
             let (s, c) = libm::sincos(phi + 0.5 * turn);
-            let [ahead, aside] = step.way;
+            let [ahead, aside] = step.displacement;
             let (dx, dy) = (c * ahead - s * aside, s * ahead + c * aside);
             for k in 0..3 {
                 let angle = step.by_errors[k];
@@ -111,7 +111,7 @@ impl Return {
 
 /// Errors of an axle's constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Errors {
+pub struct OdometryErrors {
     /// Relative excess of the right radius and deficit of the left radius over the configured values.
     pub ratio: f64,
     /// Relative excess of a true turn over the odometric turn.
@@ -122,7 +122,7 @@ pub struct Errors {
 
 /// Least-squares estimate of the errors (Gauss–Newton). The first round uses headings only, which are linear in the
 /// errors. `None` if the runs do not determine the errors.
-pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
+pub fn fit(returns: &[Return], track_m: f64) -> Option<OdometryErrors> {
     let heading = track_m / (2f64.sqrt() * MARK_M);
     let weights = [[0.0, 0.0, heading], [1.0 / MARK_M, 1.0 / MARK_M, heading]];
     let mut errors = [0.0; 3];
@@ -134,7 +134,7 @@ pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
     }
     let [ratio, turn, creep] = errors;
     let sound = ratio.abs() < 0.1 && turn.abs() < 0.2 && creep.is_finite();
-    sound.then_some(Errors { ratio, turn, creep })
+    sound.then_some(OdometryErrors { ratio, turn, creep })
 }
 
 /// One step of Gauss–Newton.
@@ -170,7 +170,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
 
 /// Constants of an axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axle {
+pub struct AxleConstants {
     /// Mean radius, m.
     pub radius_m: f64,
     /// Radius of the right wheel over that of the left.
@@ -179,9 +179,9 @@ pub struct Axle {
     pub half_track_m: f64,
 }
 
-impl Axle {
+impl AxleConstants {
     /// Corrected constants; `scale` is the true over the odometric length of a straight line.
-    pub fn corrected(&self, scale: f64, errors: &Errors) -> Self {
+    pub fn corrected(&self, scale: f64, errors: &OdometryErrors) -> Self {
         Self {
             radius_m: self.radius_m * scale,
             ratio: self.ratio * (1.0 + errors.ratio) / (1.0 - errors.ratio),
@@ -192,7 +192,7 @@ impl Axle {
 }
 
 /// UMBmark's systematic error, m: length of the mean return error, the larger of both directions.
-pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
+pub fn systematic(directions: [&[[f64; 2]]; 2]) -> f64 {
     let distance = |errors: &[[f64; 2]]| {
         let count = errors.len().max(1) as f64;
         let sum = errors.iter().fold([0.0; 2], |sum: [f64; 2], error| {
@@ -200,7 +200,7 @@ pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
         });
         libm::hypot(sum[0], sum[1]) / count
     };
-    ways.into_iter().map(distance).fold(0.0, f64::max)
+    directions.into_iter().map(distance).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -208,13 +208,13 @@ mod tests {
     use super::*;
 
     /// Radii of left and right, m.
-    fn radii(axle: &Axle) -> [f64; 2] {
+    fn radii(axle: &AxleConstants) -> [f64; 2] {
         let left = 2.0 * axle.radius_m / (1.0 + axle.ratio);
         [left, axle.ratio * left]
     }
     use std::f64::consts::FRAC_PI_2;
 
-    const BELIEVED: Axle = Axle {
+    const CONFIGURED: AxleConstants = AxleConstants {
         radius_m: 0.073,
         ratio: 1.0,
         half_track_m: 0.162,
@@ -222,21 +222,28 @@ mod tests {
 
     /// Square of side `side` with corners of `radius` (0: on the spot). The wheels turn so that the configured axle
     /// would drive the square exactly; the true axle moves by its own radii, track and creep.
-    fn square(truth: &Axle, side: f64, radius: f64, way: f64, speed: f64, creep: f64) -> Return {
-        let (mut lap, mut place) = (Lap::default(), [0.0f64; 3]);
+    fn square(
+        truth: &AxleConstants,
+        side: f64,
+        radius: f64,
+        direction: f64,
+        speed: f64,
+        creep: f64,
+    ) -> Return {
+        let (mut lap, mut posture) = (Lap::default(), [0.0f64; 3]);
         let mut odometry = [0.0f64; 3];
-        let track = 2.0 * BELIEVED.half_track_m;
+        let track = 2.0 * CONFIGURED.half_track_m;
         lap.add(odometry, track, 0.0, 0.0);
         let mut step = |ds: f64, turn: f64, dt: f64, heading: f64| {
             // Advance of the wheels with configured and with true radii.
             let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
-            let believed = radii(&BELIEVED);
+            let configured = radii(&CONFIGURED);
             let real = radii(truth);
-            let real = [0, 1].map(|i| wheel[i] * real[i] / believed[i]);
+            let real = [0, 1].map(|i| wheel[i] * real[i] / configured[i]);
             let true_turn = (real[1] - real[0]) / (2.0 * truth.half_track_m) + creep * heading * dt;
             let moves = [
                 (ds, turn, &mut odometry),
-                (0.5 * (real[0] + real[1]), true_turn, &mut place),
+                (0.5 * (real[0] + real[1]), true_turn, &mut posture),
             ];
             for (ds, turn, at) in moves {
                 let middle = at[2] + 0.5 * turn;
@@ -256,22 +263,22 @@ mod tests {
             for _ in 0..400 {
                 let arc = radius * FRAC_PI_2;
                 let heading = if radius > 0.0 {
-                    way * 0.37 / radius
+                    direction * 0.37 / radius
                 } else {
                     0.0
                 };
                 step(
                     arc / 400.0,
-                    way * FRAC_PI_2 / 400.0,
+                    direction * FRAC_PI_2 / 400.0,
                     arc / speed / 400.0,
                     heading,
                 );
             }
         }
-        Return { lap, end: place }
+        Return { lap, end: posture }
     }
 
-    const TRUTH: Axle = Axle {
+    const TRUTH: AxleConstants = AxleConstants {
         radius_m: 0.073,
         ratio: 1.002,
         half_track_m: 0.1628,
@@ -281,20 +288,20 @@ mod tests {
     fn rounded_squares_with_creep_give_the_true_constants() {
         for truth in [
             TRUTH,
-            Axle {
+            AxleConstants {
                 ratio: 0.9985,
                 half_track_m: 0.1612,
                 ..TRUTH
             },
         ] {
             let mut returns = Vec::new();
-            for way in [1.0, -1.0] {
+            for direction in [1.0, -1.0] {
                 for speed in [0.1, 0.2] {
-                    returns.push(square(&truth, 2.0, 0.5, way, speed, -0.03));
+                    returns.push(square(&truth, 2.0, 0.5, direction, speed, -0.03));
                 }
             }
             let errors = fit(&returns, 0.324).unwrap();
-            let found = BELIEVED.corrected(1.0, &errors);
+            let found = CONFIGURED.corrected(1.0, &errors);
             // Remaining errors are of second order.
             assert!((found.ratio - truth.ratio).abs() < 3e-5, "{found:?}");
             let track = found.half_track_m / truth.half_track_m;
@@ -308,7 +315,7 @@ mod tests {
         let alpha = (cw[0] + ccw[0]) / (-4.0 * side);
         let beta = (cw[0] - ccw[0]) / (-4.0 * side);
         let radius = 0.5 * side / (0.5 * beta).sin();
-        let half = BELIEVED.half_track_m;
+        let half = CONFIGURED.half_track_m;
         (
             (radius + half) / (radius - half),
             FRAC_PI_2 / (FRAC_PI_2 - alpha),
@@ -322,7 +329,7 @@ mod tests {
         let (ratio, track) = umbmark(ccw.error(), cw.error(), 2.0);
         assert!((ratio - TRUTH.ratio).abs() < 2e-4, "{ratio}");
         assert!(
-            (track * BELIEVED.half_track_m / TRUTH.half_track_m - 1.0).abs() < 1e-3,
+            (track * CONFIGURED.half_track_m / TRUTH.half_track_m - 1.0).abs() < 1e-3,
             "{track}"
         );
         // Sharp corners take no time, so they do not determine creep; here creep is 0.

@@ -3,7 +3,7 @@
 //! A block's content depends on the study only, so any number of shards can fill one directory. A killed shard keeps
 //! its finished blocks: a file is written completely or not at all.
 
-use super::rows::{Noted, Row};
+use super::rows::{CampaignRow, StoredBlock};
 use super::study::Study;
 use crate::BUILD;
 use host_sim::base::error::Error;
@@ -27,11 +27,11 @@ pub struct Directory {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Runs of the block.
-    Complete(Vec<Row>),
+    Complete(Vec<CampaignRow>),
     /// No file.
     Missing,
     /// Unusable file, with the reason.
-    Spoiled(String),
+    Damaged(String),
 }
 
 impl Directory {
@@ -92,46 +92,46 @@ impl Directory {
     /// State of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);
-        let content = match input::bytes(&path, input::DATA) {
+        let content = match input::bytes(&path, input::MAX_DATA_BYTES) {
             Ok(content) => content,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Block::Missing);
             }
             Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
         };
-        let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
-        let mut read = match Noted::from_lines(&content) {
+        let damaged = |why: String| Ok(Block::Damaged(format!("{}: {why}", path.display())));
+        let mut read = match StoredBlock::from_lines(&content) {
             Ok(read) => read,
-            Err(error) => return spoiled(error),
+            Err(error) => return damaged(error),
         };
         if read.study != self.canonical {
-            return spoiled("belongs to a different study".to_owned());
+            return damaged("belongs to a different study".to_owned());
         }
         if read.made_by != BUILD {
-            return spoiled(format!("was written by another build than {BUILD}"));
+            return damaged(format!("was written by another build than {BUILD}"));
         }
         let runs = read.rows.iter().map(|row| row.run);
         if !runs.eq(self.study.block_runs(block)) {
-            return spoiled("does not contain the runs of its block".to_owned());
+            return damaged("does not contain the runs of its block".to_owned());
         }
         for row in &mut read.rows {
-            (row.cell, row.trial) = self.study.place(row.run);
+            (row.cell, row.trial) = self.study.cell_and_trial(row.run);
             row.values = self.study.values(row.cell, row.trial)?;
         }
         Ok(Block::Complete(read.rows))
     }
 
     /// Writes the runs of a block.
-    pub fn write(&self, block: u64, rows: Vec<Row>) -> Result<(), Error> {
-        let noted = Noted {
+    pub fn write(&self, block: u64, rows: Vec<CampaignRow>) -> Result<(), Error> {
+        let stored = StoredBlock {
             made_by: BUILD.to_owned(),
             study: self.canonical.clone(),
             rows,
         };
         let file = self.file(block);
-        let lines = noted.to_lines()?;
+        let lines = stored.to_lines()?;
         // JSON cannot represent NaN; fail before such a block is written.
-        Noted::from_lines(lines.as_bytes())
+        StoredBlock::from_lines(lines.as_bytes())
             .map_err(|why| Error::Failure(format!("{}: {why}", file.display())))?;
         Ok(files::write_file(&file, lines)?)
     }

@@ -1,8 +1,8 @@
 //! Parts of a campaign. [`compute`] computes the missing blocks of one part; [`merge`] merges all blocks.
 
 use super::directory::{Block, Directory};
-use super::report::Report;
-use super::rows::Row;
+use super::report::CampaignReport;
+use super::rows::CampaignRow;
 use super::shard::Shard;
 use super::study::Study;
 use super::{pictures, rows};
@@ -40,12 +40,13 @@ pub fn compute(directory: &Directory, shard: &Shard, workers: &Workers) -> Resul
             return Err(interrupted(count(&to_do[..n]), count(&to_do)));
         }
         let run = |index| {
-            let finished = one(study, index);
+            let finished = run_trial(study, index);
             progress.advance();
             finished
         };
         let range = study.block_runs(block).into_par_iter();
-        let rows: Result<Vec<Row>, Error> = workers.pool.install(|| range.map(run).collect());
+        let rows: Result<Vec<CampaignRow>, Error> =
+            workers.pool.install(|| range.map(run).collect());
         directory.write(block, rows?)?;
     }
     let runs = count(&to_do);
@@ -99,7 +100,7 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
         match directory.block(block)? {
             Block::Complete(_) => {}
             Block::Missing => missing.push(block),
-            Block::Spoiled(why) => {
+            Block::Damaged(why) => {
                 note(format!("{why}: the block is recomputed"));
                 missing.push(block);
             }
@@ -108,15 +109,15 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
     Ok(missing)
 }
 
-fn one(study: &Study, index: u64) -> Result<Row, Error> {
+fn run_trial(study: &Study, index: u64) -> Result<CampaignRow, Error> {
     let run = study.run(index)?;
     let outcome = regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
-    Ok(Row::of(index, run, &outcome))
+    Ok(CampaignRow::of(index, run, &outcome))
 }
 
 /// Finished and missing runs of a campaign.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Status {
+pub struct CampaignProgress {
     /// Name of the study.
     pub name: String,
     /// All runs.
@@ -128,24 +129,25 @@ pub struct Status {
     /// Blocks without a file.
     pub missing: Vec<u64>,
     /// Damaged blocks.
-    pub spoiled: Vec<String>,
+    #[serde(rename = "spoiled")]
+    pub damaged: Vec<String>,
 }
 
 /// Reads every block: status, and the runs of complete blocks.
-pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
+pub fn read_blocks(directory: &Directory) -> Result<(CampaignProgress, Vec<CampaignRow>), Error> {
     let study = directory.study();
-    let mut status = Status {
+    let mut status = CampaignProgress {
         name: study.name.clone(),
         runs: study.runs(),
         blocks: study.blocks(),
-        ..Status::default()
+        ..CampaignProgress::default()
     };
     let mut all = Vec::new();
     for block in 0..study.blocks() {
         match directory.block(block)? {
             Block::Complete(rows) => all.extend(rows),
             Block::Missing => status.missing.push(block),
-            Block::Spoiled(why) => status.spoiled.push(why),
+            Block::Damaged(why) => status.damaged.push(why),
         }
     }
     status.runs_done = all.len() as u64;
@@ -155,7 +157,7 @@ pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
 /// Merged runs of a campaign.
 pub struct Merged {
     /// Result.
-    pub report: Report,
+    pub report: CampaignReport,
     /// Table and pictures, not yet written.
     pub files: OutputDir,
     /// CRC-32C of the table.
@@ -169,10 +171,10 @@ pub fn merge(
     out: &Path,
     partial: bool,
 ) -> Result<Merged, Error> {
-    let (status, runs) = look(directory)?;
-    if status.runs_done != status.runs || !status.spoiled.is_empty() {
-        let spoiled: String = status
-            .spoiled
+    let (status, runs) = read_blocks(directory)?;
+    if status.runs_done != status.runs || !status.damaged.is_empty() {
+        let damaged: String = status
+            .damaged
             .iter()
             .map(|why| format!("{why}\n"))
             .collect();
@@ -181,7 +183,7 @@ pub fn merge(
             false => format!("; missing blocks: {}", ranges(&status.missing)),
         };
         let left_out = format!(
-            "{spoiled}{}: {} of {} runs are complete{missing}",
+            "{damaged}{}: {} of {} runs are complete{missing}",
             status.name, status.runs_done, status.runs
         );
         if !partial || status.runs_done == 0 {
@@ -197,7 +199,7 @@ pub fn merge(
     let study = directory.study();
     let content = rows::csv(study, &runs).into_bytes();
     let hash = crc32c(&content);
-    let report = Report::of(study, &runs);
+    let report = CampaignReport::of(study, &runs);
     let mut files = OutputDir::create(out)?;
     files.bytes("runs.csv", content);
     let mut pictures = vec![

@@ -4,7 +4,7 @@
 //! listed number uses the colours.
 
 use super::report::{Influence, listed, numbers, short};
-use super::rows::Row;
+use super::rows::CampaignRow;
 use super::study::{Starts, Study, Vary, number};
 use host_sim::base::statistics::percentile;
 use host_sim::run::end::Verdict;
@@ -15,33 +15,33 @@ use view::plot::{Figure, Height, Panel};
 use view::style::{BAND, INK, Mark, Shape, Stroke, mark_of, series, series_by};
 
 /// Smallest error on a logarithmic axis, cm and degrees.
-const LEAST: f64 = 0.01;
+const MIN_ERROR: f64 = 0.01;
 /// Marks of the series, distinct in grayscale.
 const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
 /// Largest number of maps in a row.
 const MAPS: usize = 2;
 
-/// Limits an error to at least [`LEAST`], for a logarithmic axis.
+/// Limits an error to at least [`MIN_ERROR`], for a logarithmic axis.
 fn on_decades(error: f64) -> f64 {
-    error.max(LEAST)
+    error.max(MIN_ERROR)
 }
 
 /// Listed quantity with the values that occur in the runs, in the order of the study's file.
 struct Listed<'a> {
     vary: &'a Vary,
     /// Index among the varied quantities.
-    place: usize,
+    index: usize,
     values: Vec<&'a toml::Value>,
 }
 
 impl<'a> Listed<'a> {
-    fn all(study: &'a Study, rows: &[Row]) -> Vec<Self> {
-        let of = |(place, vary): (usize, &'a Vary)| {
-            let has = |value: &&toml::Value| rows.iter().any(|row| row.values[place] == **value);
+    fn all(study: &'a Study, rows: &[CampaignRow]) -> Vec<Self> {
+        let of = |(index, vary): (usize, &'a Vary)| {
+            let has = |value: &&toml::Value| rows.iter().any(|row| row.values[index] == **value);
             let values = vary.values.iter().flatten().filter(has).collect();
             Self {
                 vary,
-                place,
+                index,
                 values,
             }
         };
@@ -57,11 +57,11 @@ impl<'a> Listed<'a> {
 /// Runs with equal values of the quantities in the label.
 struct Group<'a> {
     label: String,
-    rows: Vec<&'a Row>,
+    rows: Vec<&'a CampaignRow>,
 }
 
 /// All runs.
-fn all(rows: &[Row]) -> Group<'_> {
+fn all(rows: &[CampaignRow]) -> Group<'_> {
     Group {
         label: String::new(),
         rows: rows.iter().collect(),
@@ -75,7 +75,7 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
             let labels = [group.label.clone(), list.label(value)];
             let labels = labels.into_iter().filter(|label| !label.is_empty());
             let rows = group.rows.iter().copied();
-            let has = |row: &&Row| row.values[list.place] == *list.values[value];
+            let has = |row: &&CampaignRow| row.values[list.index] == *list.values[value];
             Group {
                 label: labels.collect::<Vec<_>>().join(", "),
                 rows: rows.filter(has).collect(),
@@ -103,13 +103,13 @@ fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
 /// Distribution functions of the final errors, one line per combination of listed numbers: the last number by colour,
 /// the others by pattern. Each combination of the other lists has a row of panels; without listed numbers, the last of
 /// these lists is shown by colour.
-pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
+pub fn distributions(study: &Study, rows: &[CampaignRow]) -> Figure {
     let lists = Listed::all(study, rows);
     let (numbers, mut words): (Vec<&Listed>, Vec<&Listed>) =
         lists.iter().partition(|list| list.vary.is_numeric());
     let by_color = numbers.last().copied().or_else(|| words.pop());
     let by_dash = &numbers[..numbers.len().saturating_sub(1)];
-    type OfRow = fn(&Row) -> f64;
+    type OfRow = fn(&CampaignRow) -> f64;
     let errors: [(&str, OfRow); 2] = [
         ("e (cm)", |row| on_decades(100.0 * row.e_m)),
         ("|heading error| (°)", |row| {
@@ -157,12 +157,12 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     let count = values.len() as f64;
     let steps = values.iter().enumerate();
     let steps = steps.flat_map(|(k, &v)| [[v, k as f64 / count], [v, (k + 1) as f64 / count]]);
-    std::iter::once([LEAST, 0.0]).chain(steps).collect()
+    std::iter::once([MIN_ERROR, 0.0]).chain(steps).collect()
 }
 
 /// Map of random starts, marked by end, or of final positions if all runs have one start; one map per combination of
 /// `splitting` lists.
-pub fn map(study: &Study, rows: &[Row]) -> Figure {
+pub fn map(study: &Study, rows: &[CampaignRow]) -> Figure {
     let lists = Listed::all(study, rows);
     let maps = split(all(rows), &splitting(&lists));
     let goal = study
@@ -175,7 +175,7 @@ pub fn map(study: &Study, rows: &[Row]) -> Figure {
 }
 
 /// Verdict on a run, with the limits 3 cm and 3°.
-fn end(row: &Row) -> Verdict {
+fn end(row: &CampaignRow) -> Verdict {
     Verdict::of(row.end, row.within)
 }
 
@@ -226,17 +226,17 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
 
 /// Position error over each numeric quantity: median and 5th to 95th percentile at each listed number, or every run
 /// over a drawn number; one series per combination of `splitting` lists. `None` if no quantity is a number.
-pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
+pub fn sensitivity(study: &Study, rows: &[CampaignRow]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);
     let splitting = splitting(&lists);
     let varied = study.vary.iter().enumerate();
     let numeric = varied.filter(|(_, vary)| vary.is_numeric() && !rows.is_empty());
-    let panels = numeric.map(|(place, vary)| {
+    let panels = numeric.map(|(index, vary)| {
         let others = splitting.iter().copied();
         let others = others.filter(|list| list.vary.key != vary.key);
         let groups = split(all(rows), &others.collect::<Vec<_>>());
-        influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
+        influence(vary, index, &numbers(index, rows), &groups).y_limits(limits)
     });
     let panels: Vec<Panel> = panels.collect();
     let title = format!("{}: error against the varied quantities", study.name);
@@ -245,14 +245,18 @@ pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
 }
 
 /// Error of a run on a logarithmic axis, cm.
-fn e_cm(row: &Row) -> f64 {
+fn e_cm(row: &CampaignRow) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
 /// Rank correlation of each drawn quantity with the final errors, over the last listed number. If no number is listed,
 /// the axis is the index of the combination. One series per combination of the other lists; `None` without a
 /// correlation.
-pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Option<Figure> {
+pub fn correlations(
+    study: &Study,
+    rows: &[CampaignRow],
+    influences: &[Influence],
+) -> Option<Figure> {
     let of_keys = influences.chunk_by(|a, b| a.key == b.key);
     let values = |of: &Influence| [of.rank_correlation_e, of.rank_correlation_heading];
     let most = influences
@@ -263,8 +267,8 @@ pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Op
     let across = lists.iter().rposition(|list| list.vary.is_numeric());
     let others = lists.iter().enumerate().filter(|(n, _)| Some(*n) != across);
     let groups = split(all(rows), &others.map(|(_, list)| list).collect::<Vec<_>>());
-    let x = |row: &Row| match across {
-        Some(n) => number(&row.values[lists[n].place]).unwrap_or(f64::NAN),
+    let x = |row: &CampaignRow| match across {
+        Some(n) => number(&row.values[lists[n].index]).unwrap_or(f64::NAN),
         None => row.cell as f64,
     };
     let x_label = across.map_or("cell of runs.csv", |n| short(&lists[n].vary.key));
@@ -321,7 +325,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
 }
 
 /// Position error over one quantity; `all`: values of the quantity in all runs.
-fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
+fn influence(vary: &Vary, index: usize, all: &[f64], groups: &[Group]) -> Panel {
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let (limits, logarithmic) = axis(all, even);
     let mut panel = Panel::new(short(&vary.key), "e (cm)")
@@ -333,7 +337,7 @@ fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel 
             stroke.color = INK;
         }
         let points = group.rows.iter();
-        let points = points.filter_map(|row| Some([number(&row.values[place])?, e_cm(row)]));
+        let points = points.filter_map(|row| Some([number(&row.values[index])?, e_cm(row)]));
         let points: Vec<[f64; 2]> = points.collect();
         let mark = |radius| Mark::new(SHAPES[n % 4], radius, stroke.color);
         if vary.values.is_none() {

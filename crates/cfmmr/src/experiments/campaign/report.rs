@@ -1,6 +1,6 @@
 //! Results of a campaign, as numbers and as a table.
 
-use super::rows::Row;
+use super::rows::CampaignRow;
 use super::study::{Study, Vary, number};
 use host_sim::base::statistics::{Summary, percentile};
 use host_sim::run::end::Ends;
@@ -57,7 +57,7 @@ pub struct Influence {
 
 /// Result of a campaign.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct CampaignReport {
     /// Name of the study.
     pub name: String,
     /// World of the first run.
@@ -91,10 +91,10 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     let mut ranks = vec![0.0; values.len()];
     let mut first = 0;
     while first < order.len() {
-        let same = |&&place: &&usize| values[place].total_cmp(&values[order[first]]).is_eq();
+        let same = |&&index: &&usize| values[index].total_cmp(&values[order[first]]).is_eq();
         let count = order[first..].iter().take_while(same).count();
-        for &place in &order[first..first + count] {
-            ranks[place] = first as f64 + 0.5 * (count as f64 + 1.0);
+        for &index in &order[first..first + count] {
+            ranks[index] = first as f64 + 0.5 * (count as f64 + 1.0);
         }
         first += count;
     }
@@ -122,8 +122,8 @@ pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
 }
 
 /// Values of a numeric quantity; NaN for a value that is no number.
-pub(super) fn numbers(place: usize, rows: &[Row]) -> Vec<f64> {
-    let values = rows.iter().map(|row| number(&row.values[place]));
+pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
+    let values = rows.iter().map(|row| number(&row.values[index]));
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
@@ -132,21 +132,21 @@ pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')
         .nth(1)
-        .map_or(0, |(place, _)| place + 1);
+        .map_or(0, |(index, _)| index + 1);
     &key[cut..]
 }
 
-impl Report {
+impl CampaignReport {
     /// Report on the runs of a study, in the order of their numbers.
-    pub fn of(study: &Study, rows: &[Row]) -> Self {
+    pub fn of(study: &Study, rows: &[CampaignRow]) -> Self {
         let cells = rows.chunk_by(|a, b| a.cell == b.cell);
-        let idle = |rows: &[Row]| study.idle(rows[0].cell).unwrap_or_default();
+        let idle = |rows: &[CampaignRow]| study.idle(rows[0].cell).unwrap_or_default();
         let cells: Vec<_> = cells.map(|rows| (rows, idle(rows))).collect();
-        let places = 0..study.vary.len();
-        let drawn = places.filter(|&place| study.vary[place].values.is_none());
-        let influences = drawn.flat_map(|place| {
-            let of = move |(rows, idle): &(&[Row], Vec<Option<String>>)| {
-                influence(study, place, rows, idle.get(place).cloned().flatten())
+        let indices = 0..study.vary.len();
+        let drawn = indices.filter(|&index| study.vary[index].values.is_none());
+        let influences = drawn.flat_map(|index| {
+            let of = move |(rows, idle): &(&[CampaignRow], Vec<Option<String>>)| {
+                influence(study, index, rows, idle.get(index).cloned().flatten())
             };
             cells.iter().map(of)
         });
@@ -250,11 +250,11 @@ fn label(values: &[(String, String)]) -> String {
     }
 }
 
-/// Correlations of the drawn quantity at `place` in the runs of one combination; `idle`: key and reason if the key has
+/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle`: key and reason if the key has
 /// no effect there.
-fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) -> Influence {
-    let drawn = numbers(place, rows);
-    let with = |error: fn(&Row) -> f64| match idle {
+fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
+    let drawn = numbers(index, rows);
+    let with = |error: fn(&CampaignRow) -> f64| match idle {
         None => rank_correlation(&drawn, &rows.iter().map(error).collect::<Vec<_>>()),
         Some(_) => None,
     };
@@ -264,7 +264,7 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
     // With few runs the normal approximation exceeds 1.
     let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
     Influence {
-        key: study.vary[place].key.clone(),
+        key: study.vary[index].key.clone(),
         cell: rows[0].cell,
         values: values(study, &rows[0]),
         trials: rows.len(),
@@ -276,17 +276,17 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
 }
 
 /// The listed quantities and their values in a run.
-fn values(study: &Study, row: &Row) -> Vec<(String, String)> {
-    let value = |(place, vary): (usize, &Vary)| {
-        let value = vary.cell(&row.values[place]);
+fn values(study: &Study, row: &CampaignRow) -> Vec<(String, String)> {
+    let value = |(index, vary): (usize, &Vary)| {
+        let value = vary.cell(&row.values[index]);
         (vary.key.clone(), value.to_string())
     };
     listed(study).map(value).collect()
 }
 
-fn cell(study: &Study, rows: &[Row]) -> Cell {
-    let numbers = |pick: fn(&Row) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
-    let count = |is: fn(&&Row) -> bool| rows.iter().filter(is).count();
+fn cell(study: &Study, rows: &[CampaignRow]) -> Cell {
+    let numbers = |pick: fn(&CampaignRow) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
+    let count = |is: fn(&&CampaignRow) -> bool| rows.iter().filter(is).count();
     let e_m = numbers(|row| row.e_m);
     let within = count(|row| row.within);
     Cell {

@@ -1,6 +1,6 @@
 //! Results of runs and their file formats. Equal results give equal bytes.
 
-use super::study::{Run, Study, Vary, number};
+use super::study::{Study, StudyRun, Vary, number};
 use core_algos::link::framing::crc32c;
 use core_algos::safety::Condition;
 use host_sim::base::error::Error;
@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 
 /// Varied values and result of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+#[serde(expecting = "struct Row")]
+pub struct CampaignRow {
     /// Number of the run in the study.
     pub run: u64,
     /// Index of the combination. Combination, trial and values are not stored: the study and the number determine them.
@@ -59,13 +60,13 @@ pub struct Row {
     pub path_m: f64,
 }
 
-impl Row {
+impl CampaignRow {
     /// Row of run number `run`.
-    pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
+    pub fn of(run: u64, of: StudyRun, outcome: &Outcome) -> Self {
         let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
         let end = &outcome.end;
         let [x, y, _] = outcome.midpoint;
-        let [along, across, _] = outcome.relative_error;
+        let [x_m, y_m, _] = outcome.relative_error;
         Self {
             run,
             cell: of.cell,
@@ -82,7 +83,7 @@ impl Row {
             at: outcome.midpoint,
             error_95_m: end.error_95.map(|[position, _]| position),
             estimate_error_m: end.estimate.map(|[u, v, _]| libm::hypot(u - x, v - y)),
-            drift_m: libm::hypot(along, across),
+            drift_m: libm::hypot(x_m, y_m),
             force_rms_n: outcome.force_rms_n,
             max_curvature: outcome.max_curvature,
             duration_s: outcome.end.duration_s,
@@ -91,8 +92,8 @@ impl Row {
     }
 
     /// Row of the CSV file; `vary` are the varied quantities.
-    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::Row<'a> {
-        let mut row = csv::Row::default();
+    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::CsvRow<'a> {
+        let mut row = csv::CsvRow::default();
         row.put("run cell", &[self.run as usize, self.cell as usize]);
         row.put("trial", &[self.trial]);
         for (vary, value) in vary.iter().zip(&self.values) {
@@ -131,22 +132,23 @@ impl Vary {
 }
 
 /// Runs of a study as CSV.
-pub fn csv(study: &Study, rows: &[Row]) -> Csv {
-    csv::Row::table(rows.iter().map(|row| row.cells(&study.vary)))
+pub fn csv(study: &Study, rows: &[CampaignRow]) -> Csv {
+    csv::CsvRow::table(rows.iter().map(|row| row.cells(&study.vary)))
 }
 
 /// Content of a block's file: two lines of JSON, the second with the checksum of the first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noted {
+#[serde(expecting = "struct Noted")]
+pub struct StoredBlock {
     /// Build that wrote the file.
     pub made_by: String,
     /// Canonical text of the study.
     pub study: String,
     /// The runs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<CampaignRow>,
 }
 
-impl Noted {
+impl StoredBlock {
     /// Text of the file.
     pub fn to_lines(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
@@ -177,16 +179,16 @@ mod tests {
     use proptest::prelude::*;
 
     /// A block of rows with these results.
-    fn noted(results: &[(f64, u8, usize)]) -> Noted {
+    fn stored(results: &[(f64, u8, usize)]) -> StoredBlock {
         let row = finished(&study(), 0).remove(0);
-        let rows = results.iter().map(|&(e_m, code, end)| Row {
+        let rows = results.iter().map(|&(e_m, code, end)| CampaignRow {
             e_m,
             code,
             end: EndKind::ALL[end],
             values: Vec::new(),
             ..row.clone()
         });
-        Noted {
+        StoredBlock {
             made_by: "build".to_owned(),
             study: "a = 1\n".to_owned(),
             rows: rows.collect(),
@@ -198,21 +200,21 @@ mod tests {
         fn rows_are_read_as_written(
             results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), 0..EndKind::ALL.len()), 0..60),
         ) {
-            let block = noted(&results);
+            let block = stored(&results);
             let text = block.to_lines().unwrap();
-            prop_assert_eq!(Noted::from_lines(text.as_bytes()).unwrap(), block.clone());
+            prop_assert_eq!(StoredBlock::from_lines(text.as_bytes()).unwrap(), block.clone());
         }
 
         #[test]
-        fn damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+        fn damaged_file_is_refused(index in 0usize..2000, to: u8, cut in 0usize..2000) {
             let results = [1.5, 2.5].map(|e_m| (e_m, 0, 0));
-            let mut file = noted(&results).to_lines().unwrap().into_bytes();
+            let mut file = stored(&results).to_lines().unwrap().into_bytes();
             let n = file.len();
-            prop_assume!(file[place % n] != to);
-            file[place % n] = to;
-            prop_assert!(Noted::from_lines(&file).is_err());
+            prop_assume!(file[index % n] != to);
+            file[index % n] = to;
+            prop_assert!(StoredBlock::from_lines(&file).is_err());
             file.truncate(cut % n);
-            prop_assert!(Noted::from_lines(&file).is_err());
+            prop_assert!(StoredBlock::from_lines(&file).is_err());
         }
     }
 }

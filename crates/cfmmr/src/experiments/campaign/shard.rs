@@ -13,17 +13,17 @@ pub struct Shard {
 }
 
 /// Largest number of parts.
-const MOST: u64 = 1_000_000;
+const MAX_SHARDS: u64 = 1_000_000;
 
 impl Shard {
     /// The only part.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
     fn new(name: &str, index: u64, count: u64) -> Result<Self, Error> {
-        match (1..=MOST).contains(&count) && index < count {
+        match (1..=MAX_SHARDS).contains(&count) && index < count {
             true => Ok(Self { index, count }),
             false => Err(Error::input(format!(
-                "{name}: part {index} of {count}: must be I/N with I from 0 to N − 1 and N from 1 to {MOST}"
+                "{name}: part {index} of {count}: must be I/N with I from 0 to N − 1 and N from 1 to {MAX_SHARDS}"
             ))),
         }
     }
@@ -91,9 +91,9 @@ fn together<const N: usize>(
     let mut values = [0; N];
     let mut set = None;
     let mut missing = None;
-    for (name, place) in names.iter().zip(&mut values) {
+    for (name, slot) in names.iter().zip(&mut values) {
         match read(name)? {
-            Some(value) => (*place, set) = (value, set.or(Some((*name, value)))),
+            Some(value) => (*slot, set) = (value, set.or(Some((*name, value)))),
             None => missing = missing.or(Some(*name)),
         }
     }
@@ -129,7 +129,13 @@ fn slurm(read: Read<'_>) -> Result<Option<Shard>, Error> {
     let Some([task, count, min, step]) = together(read, names, MAX)? else {
         return Ok(None);
     };
-    within(names[1], count, 1, MOST, &format!("from 1 to {MOST}"))?;
+    within(
+        names[1],
+        count,
+        1,
+        MAX_SHARDS,
+        &format!("from 1 to {MAX_SHARDS}"),
+    )?;
     within(names[3], step, 1, u64::MAX, "at least 1")?;
     let max = step
         .checked_mul(count - 1)
@@ -176,7 +182,13 @@ fn kubernetes(read: Read<'_>) -> Result<Option<Shard>, Error> {
     let Some([index, count]) = together(read, names, names[1])? else {
         return Ok(None);
     };
-    within(names[1], count, 1, MOST, &format!("from 1 to {MOST}"))?;
+    within(
+        names[1],
+        count,
+        1,
+        MAX_SHARDS,
+        &format!("from 1 to {MAX_SHARDS}"),
+    )?;
     let last = count - 1;
     within(
         names[0],

@@ -174,7 +174,7 @@ pub fn number(value: &toml::Value) -> Option<f64> {
 
 /// One run of a study.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Run {
+pub struct StudyRun {
     /// Index of the combination.
     pub cell: u64,
     /// Index of the trial.
@@ -347,16 +347,16 @@ impl Study {
     }
 
     /// Combination and trial of run `index`.
-    pub fn place(&self, index: u64) -> (u64, u32) {
+    pub fn cell_and_trial(&self, index: u64) -> (u64, u32) {
         let trials = u64::from(self.trials);
         (index / trials, (index % trials) as u32)
     }
 
     /// Run `index`: a function of the study and the index alone.
-    pub fn run(&self, index: u64) -> Result<Run, Error> {
-        let (cell, trial) = self.place(index);
+    pub fn run(&self, index: u64) -> Result<StudyRun, Error> {
+        let (cell, trial) = self.cell_and_trial(index);
         let values = self.values(cell, trial)?;
-        Ok(Run {
+        Ok(StudyRun {
             cell,
             trial,
             scenario: self.scenario(trial, &values)?,
@@ -374,9 +374,9 @@ impl Study {
         // Seeded by trial only: common random numbers across combinations.
         let mut random = Pcg64::new(self.seed.into(), DRAWS | u128::from(trial) << 1);
         let values = self.vary.iter().enumerate().map(|(i, vary)| {
-            let place = cell / self.stride(i) % vary.count();
+            let value_index = cell / self.stride(i) % vary.count();
             Ok(match vary.kind()? {
-                Kind::Values(list) => list[place as usize].clone(),
+                Kind::Values(list) => list[value_index as usize].clone(),
                 Kind::Drawn(draw) => toml::Value::Float(draw.sample(&mut random)),
             })
         });

@@ -1,9 +1,9 @@
 use super::directory::{Block, Directory};
 use super::parts::{merge, next_step, ranges};
 use super::pictures::{correlations, distributions, map, sensitivity};
-use super::report::{Report, rank_correlation, wilson};
-use super::rows::{self, Row};
-use super::study::{Run, Study, number};
+use super::report::{CampaignReport, rank_correlation, wilson};
+use super::rows::{self, CampaignRow};
+use super::study::{Study, StudyRun, number};
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::regulate::Outcome;
 use plant::{Creep, Tyre};
@@ -43,7 +43,7 @@ fn every_combination_has_the_same_trials() {
     let study = study();
     assert_eq!((study.runs(), study.blocks()), (16, 6));
     let runs: Vec<_> = (0..16).map(|i| study.run(i).unwrap()).collect();
-    let drawn = |run: &Run| run.scenario.world.sensors.geometry.wheel_radius_sigma;
+    let drawn = |run: &StudyRun| run.scenario.world.sensors.geometry.wheel_radius_sigma;
     for (i, run) in runs.iter().enumerate() {
         assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
         let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
@@ -96,7 +96,7 @@ fn error_of_a_study_names_file_and_key() {
     }
 }
 
-pub(super) fn finished(study: &Study, block: u64) -> Vec<Row> {
+pub(super) fn finished(study: &Study, block: u64) -> Vec<CampaignRow> {
     let row = |index| {
         let outcome = Outcome {
             midpoint: [0.001 * index as f64, 0.0, 0.0],
@@ -106,7 +106,7 @@ pub(super) fn finished(study: &Study, block: u64) -> Vec<Row> {
             },
             ..Outcome::default()
         };
-        Row::of(index, study.run(index).unwrap(), &outcome)
+        CampaignRow::of(index, study.run(index).unwrap(), &outcome)
     };
     study.block_runs(block).map(row).collect()
 }
@@ -120,9 +120,9 @@ fn blocks_are_stored_and_spoiled_files_detected() {
     let Block::Complete(rows) = directory.block(2).unwrap() else {
         panic!("{:?}", directory.block(2));
     };
-    let places: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
-    assert_eq!(places, [(1, 2), (1, 3), (2, 0)]);
-    let of = |row: &Row| (row.run, row.e_m, row.values[1].as_bool() == Some(true));
+    let cells_and_trials: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
+    assert_eq!(cells_and_trials, [(1, 2), (1, 3), (2, 0)]);
+    let of = |row: &CampaignRow| (row.run, row.e_m, row.values[1].as_bool() == Some(true));
     let found: Vec<_> = rows.iter().map(of).collect();
     let wanted = [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)];
     assert_eq!(found, wanted);
@@ -132,13 +132,13 @@ fn blocks_are_stored_and_spoiled_files_detected() {
     let error = directory.write(1, bad).unwrap_err().to_string();
     assert!(error.contains("block-000001.jsonl"), "{error}");
     assert_eq!(directory.block(1).unwrap(), Block::Missing);
-    // A file under another number and a truncated file are spoiled.
+    // A file under another number and a truncated file are damaged.
     let path = folder.path().join("block-000002.jsonl");
     std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
-    assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
+    assert!(matches!(directory.block(3).unwrap(), Block::Damaged(_)));
     let content = std::fs::read(&path).unwrap();
     std::fs::write(&path, &content[..content.len() / 2]).unwrap();
-    assert!(matches!(directory.block(2).unwrap(), Block::Spoiled(_)));
+    assert!(matches!(directory.block(2).unwrap(), Block::Damaged(_)));
     // The folder of a different study is refused.
     let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
     let error = Directory::open_for(other, folder.path()).unwrap_err();
@@ -148,7 +148,7 @@ fn blocks_are_stored_and_spoiled_files_detected() {
 }
 
 /// All runs of a study.
-fn all_runs(study: &Study) -> Vec<Row> {
+fn all_runs(study: &Study) -> Vec<CampaignRow> {
     (0..study.blocks())
         .flat_map(|block| finished(study, block))
         .collect()
@@ -158,7 +158,7 @@ fn all_runs(study: &Study) -> Vec<Row> {
 fn report_of_some_runs_counts_them() {
     let study = study();
     let all = all_runs(&study);
-    let report = Report::of(&study, &all);
+    let report = CampaignReport::of(&study, &all);
     assert_eq!((report.runs, report.cells.len()), (16, 4));
     let csv = String::from_utf8(rows::csv(&study, &all).into_bytes()).unwrap();
     let seventh = csv.lines().nth(7).unwrap();
@@ -174,7 +174,7 @@ fn report_of_some_runs_counts_them() {
     );
     assert_eq!(report.influences.len(), 4);
     // With some runs missing, each combination counts its own.
-    let part = Report::of(&study, &all[2..]);
+    let part = CampaignReport::of(&study, &all[2..]);
     let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
     assert_eq!(trials, [2, 4, 4, 4]);
 }
@@ -200,7 +200,7 @@ fn pictures_are_complete_for_any_varied_keys() {
             for figure in [&shares, &map(&study, &runs), &influences] {
                 check_figure(figure);
             }
-            let of = Report::of(&study, &runs).influences;
+            let of = CampaignReport::of(&study, &runs).influences;
             let correlations = correlations(&study, &runs, &of);
             assert_eq!(correlations.is_some(), study.trials > 1);
             correlations.iter().for_each(check_figure);
@@ -230,7 +230,7 @@ key = "mission.rps""#;
             distributions(&study, &runs),
             map(&study, &runs),
             sensitivity(&study, &runs).unwrap(),
-            correlations(&study, &runs, &Report::of(&study, &runs).influences).unwrap(),
+            correlations(&study, &runs, &CampaignReport::of(&study, &runs).influences).unwrap(),
         ] {
             check_figure(&figure);
             let svg = figure.svg();
@@ -263,7 +263,7 @@ fn intervals_and_correlations_match_textbook_values() {
 
 /// Report of 5 trials. With the sensor e rises with the drawn value, and |heading| has the ranks 1 2 4 3 5 (Σd² = 2,
 /// ρ = 1 − 12/120); without it e has the ranks 2 5 3 1 4 (Σd² = 20, ρ = 0), and |heading| is constant.
-fn one_armed(text: &str) -> Report {
+fn one_armed(text: &str) -> CampaignReport {
     let study = Study::parse(&text.replace("trials = 4", "trials = 5"), "test").unwrap();
     let mut rows = all_runs(&study);
     let drawn = study.vary.iter().position(|vary| vary.uniform.is_some());
@@ -279,7 +279,7 @@ fn one_armed(text: &str) -> Report {
         }
         arm.sort_by_key(|row| row.trial);
     }
-    Report::of(&study, &rows)
+    CampaignReport::of(&study, &rows)
 }
 
 #[test]
@@ -334,7 +334,7 @@ fn drawn_key_without_effect_in_an_arm_has_no_correlation_there() {
     let note = format!("{key}: no effect with mission.rps = false");
     assert_eq!(without["note"], note.as_str());
     assert_eq!(report.text().matches(&note).count(), 1, "{}", report.text());
-    let one = Report::of(&study(), &all_runs(&study())[..1]);
+    let one = CampaignReport::of(&study(), &all_runs(&study())[..1]);
     let note = one.influences[0].note.as_deref();
     assert_eq!(note, Some("the error is the same in all runs"));
 }
@@ -361,16 +361,16 @@ fn table_of_the_report_has_a_line_per_end() {
     rows[5..8]
         .iter_mut()
         .for_each(|row| row.label = long.to_owned());
-    let text = Report::of(&study, &rows).text();
+    let text = CampaignReport::of(&study, &rows).text();
     let (first, second) = (format!("3 {long}"), "1 reached");
     let lines: Vec<&str> = text.lines().collect();
-    let place = lines
+    let line = lines
         .iter()
         .position(|line| line.ends_with(&first))
         .expect(&text);
-    assert!(lines[place].starts_with("0.003, false "), "{text}");
-    assert_eq!(lines[place + 1].trim(), second, "{text}");
-    assert_eq!(lines[place].find(&first), lines[place + 1].find(second));
+    assert!(lines[line].starts_with("0.003, false "), "{text}");
+    assert_eq!(lines[line + 1].trim(), second, "{text}");
+    assert_eq!(lines[line].find(&first), lines[line + 1].find(second));
 }
 
 #[test]
@@ -391,7 +391,7 @@ fn numbers_in_report_of_80_columns_are_not_wrapped() {
         let study = Study::parse(&text, "test").unwrap();
         let mut rows = all_runs(&study);
         rows.iter_mut().for_each(|row| row.e_m = 12.345);
-        let text = Report::of(&study, &rows).text();
+        let text = CampaignReport::of(&study, &rows).text();
         for figure in ["1234.50 ± 0.00", "1234.50  ", "100 % (51 to 100)"] {
             assert!(text.matches(figure).count() >= 4, "{figure}: {text}");
         }

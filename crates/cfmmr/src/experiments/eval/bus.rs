@@ -36,8 +36,8 @@ use serde_json::{Value, json};
 pub struct Bus;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "lowercase")]
-enum Case {
+#[serde(deny_unknown_fields, rename_all = "lowercase", expecting = "enum Case")]
+enum BusCase {
     Encode(Message),
     Decode(Bytes),
 }
@@ -72,13 +72,13 @@ fn frame(bytes: &Bytes) -> Result<CanFrame, String> {
 impl Kernel for Bus {
     fn line(&mut self, text: &str) -> Result<Value, String> {
         match parse(text)? {
-            Case::Encode(message) => {
+            BusCase::Encode(message) => {
                 let frame = bus::encode(&message).map_err(|error| error.to_string())?;
                 let bytes = frame.data.iter().take(usize::from(frame.length));
                 let data: String = bytes.map(|byte| format!("{byte:02x}")).collect();
                 Ok(json!({ "id": frame.id, "data": data }))
             }
-            Case::Decode(bytes) => {
+            BusCase::Decode(bytes) => {
                 let message = bus::decode(&frame(&bytes)?).map_err(|error| error.to_string())?;
                 Ok(json!({ "message": message }))
             }

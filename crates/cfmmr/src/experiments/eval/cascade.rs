@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 
 /// One case: velocity of O (m/s), path curvature (1/m) and its rate (1/(m s)), frame length (m).
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Case {
+#[serde(deny_unknown_fields, expecting = "struct Case")]
+struct CascadeCase {
     v: f32,
     kappa: f32,
     kappa_dot: f32,
@@ -23,7 +23,7 @@ pub struct Cascade;
 
 impl Kernel for Cascade {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let case: Case = parse(text)?;
+        let case: CascadeCase = parse(text)?;
         let named = |error: core_algos::config::ConfigError| error.to_string();
         finite("v", case.v).map_err(named)?;
         finite("kappa", case.kappa).map_err(named)?;

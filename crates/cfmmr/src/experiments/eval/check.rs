@@ -4,11 +4,11 @@ use core_algos::math::Posture;
 use std::f64::consts::{PI, TAU};
 
 /// Lower limit of the pivots of a covariance scaled to unit variances.
-const LEAST_PIVOT: f64 = 1e-12;
+const MIN_PIVOT: f64 = 1e-12;
 /// Largest difference of two mirrored entries, in units of the standard deviations.
 const ASYMMETRY: f64 = 1e-6;
 /// Largest heading, rad: f64 resolves 0.1 µrad there.
-const FARTHEST: f64 = 1e9;
+const MAX_HEADING_RAD: f64 = 1e9;
 
 /// `value` as `f32`; fails if it is not finite in `f32`.
 pub fn number(field: &str, value: f64) -> Result<f32, String> {
@@ -57,10 +57,10 @@ pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N]
 pub fn posture(field: &str, values: &[f64; 3]) -> Result<[f64; 3], String> {
     vector(field, values)?;
     let [x, y, phi] = *values;
-    if phi.abs() > FARTHEST {
+    if phi.abs() > MAX_HEADING_RAD {
         return Err(format!(
-            "{field}[2] = {phi:e}: must be a number from {:e} to {FARTHEST:e}",
-            -FARTHEST
+            "{field}[2] = {phi:e}: must be a number from {:e} to {MAX_HEADING_RAD:e}",
+            -MAX_HEADING_RAD
         ));
     }
     let turns = if phi.abs() > PI {
@@ -140,7 +140,7 @@ pub fn covariance<const N: usize>(
         }
     }
     let least = match definite {
-        Definite::Positive => LEAST_PIVOT,
+        Definite::Positive => MIN_PIVOT,
         Definite::Semi => -1e-9,
     };
     for k in 0..N {

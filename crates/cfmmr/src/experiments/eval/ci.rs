@@ -16,8 +16,8 @@ use serde_json::{Value, json};
 pub struct Ci;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Case {
+#[serde(deny_unknown_fields, expecting = "struct Case")]
+struct CiCase {
     a: [f64; 3],
     #[serde(rename = "A")]
     a_covariance: [[f64; 3]; 3],
@@ -60,7 +60,7 @@ fn estimate(
 
 impl Kernel for Ci {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let case: Case = parse(text)?;
+        let case: CiCase = parse(text)?;
         let a = estimate(["a", "A"], &case.a, &case.a_covariance)?;
         let b = estimate(["b", "B"], &case.b, &case.b_covariance)?;
         let criterion = match case.criterion {

@@ -12,7 +12,7 @@
 //! leaves the filter unchanged.
 
 use super::check::{self, Definite};
-use super::{Kernel, Stage};
+use super::{Kernel, KernelState};
 use core_algos::fusion::ekf::{AxleFilter, Config, Fix, Measurements, ProcessNoise, State};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -20,11 +20,11 @@ use serde_json::{Value, json};
 /// Runs [`core_algos::fusion::ekf`]: a configuration line, then one line per step.
 #[derive(Clone, Debug, Default)]
 pub struct Ekf {
-    stage: Stage<Box<Run>>,
+    stage: KernelState<Box<EkfRun>>,
 }
 
 #[derive(Clone, Debug)]
-struct Run {
+struct EkfRun {
     filter: AxleFilter,
     fix: Option<Fix>,
     state: State,
@@ -47,8 +47,8 @@ struct Setup {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Step {
+#[serde(deny_unknown_fields, expecting = "struct Step")]
+struct EkfStep {
     #[serde(default)]
     left: Option<f64>,
     #[serde(default)]
@@ -61,7 +61,7 @@ struct Step {
     pose: Option<[f64; 3]>,
 }
 
-impl Run {
+impl EkfRun {
     fn new(setup: &Setup) -> Result<Self, String> {
         let mut sigmas = [0.0; 4];
         for k in 0..4 {
@@ -105,7 +105,7 @@ impl Run {
         })
     }
 
-    fn step(&mut self, step: &Step) -> Result<Value, String> {
+    fn step(&mut self, step: &EkfStep) -> Result<Value, String> {
         let sample = |field: &str, value: Option<f64>| {
             value.map(|value| check::number(field, value)).transpose()
         };
@@ -148,7 +148,7 @@ impl Run {
 
 impl Kernel for Ekf {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let start = |setup: &Setup| Run::new(setup).map(Box::new);
+        let start = |setup: &Setup| EkfRun::new(setup).map(Box::new);
         self.stage.line(text, start, |run, step| run.step(step))
     }
 }

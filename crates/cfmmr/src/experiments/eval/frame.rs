@@ -15,15 +15,15 @@ use plant::frame::Strip;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// Places of seed and output curvatures, as fractions of the length.
-const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+/// Positions of seed and output curvatures, as fractions of the length.
+const POSITIONS: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
 /// The `frame` algorithm.
 pub struct Frame;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Case {
+#[serde(deny_unknown_fields, expecting = "struct Case")]
+struct FrameCase {
     length: f64,
     ei: f64,
     ea: f64,
@@ -32,7 +32,7 @@ struct Case {
 }
 
 #[derive(Serialize)]
-struct Answer {
+struct FrameSolution {
     wrench_end: [f64; 3],
     root_moment: f64,
     curvature: [f64; 5],
@@ -51,13 +51,13 @@ fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
 
 impl Kernel for Frame {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let case: Case = parse(text)?;
-        let answer = solve(&case)?;
-        serde_json::to_value(answer).map_err(|error| error.to_string())
+        let case: FrameCase = parse(text)?;
+        let solution = solve(&case)?;
+        serde_json::to_value(solution).map_err(|error| error.to_string())
     }
 }
 
-fn solve(case: &Case) -> Result<Answer, String> {
+fn solve(case: &FrameCase) -> Result<FrameSolution, String> {
     within("length", case.length, 1e-3, 1e3)?;
     within("ei", case.ei, 1e-9, 1e9)?;
     let slender = case.ei / (case.length * case.length);
@@ -79,12 +79,12 @@ fn solve(case: &Case) -> Result<Answer, String> {
     }
     let strip = Strip::new(case.length, case.ei, case.ea, 0.0);
     let (equilibrium, stable) = strip
-        .find(case.pose, &PLACES, &case.seed_curvature)
+        .find(case.pose, &POSITIONS, &case.seed_curvature)
         .ok_or("pose: no equilibrium on the branch of seed_curvature")?;
-    Ok(Answer {
+    Ok(FrameSolution {
         wrench_end: strip.wrench(&equilibrium),
         root_moment: strip.root_moment(&equilibrium),
-        curvature: PLACES.map(|f| strip.elastic_curvature(&equilibrium, f * case.length)),
+        curvature: POSITIONS.map(|f| strip.elastic_curvature(&equilibrium, f * case.length)),
         stable,
     })
 }
@@ -110,14 +110,14 @@ mod tests {
     #[test]
     fn arc_needs_a_moment_and_no_force() {
         for turn in [-2.0, -0.3, 0.7, 3.0] {
-            let answer = ask(arc(turn)).unwrap();
+            let solution = ask(arc(turn)).unwrap();
             let expected = 0.5 * turn / 0.4;
-            let wrench: [f64; 3] = serde_json::from_value(answer["wrench_end"].clone()).unwrap();
+            let wrench: [f64; 3] = serde_json::from_value(solution["wrench_end"].clone()).unwrap();
             assert!(wrench[0].abs() < 1e-6 && wrench[1].abs() < 1e-6);
             assert!((wrench[2] - expected).abs() < 1e-9);
-            assert!((answer["root_moment"].as_f64().unwrap() - expected).abs() < 1e-7);
-            assert!((answer["curvature"][3].as_f64().unwrap() - turn / 0.4).abs() < 1e-6);
-            assert_eq!(answer["stable"], true);
+            assert!((solution["root_moment"].as_f64().unwrap() - expected).abs() < 1e-7);
+            assert!((solution["curvature"][3].as_f64().unwrap() - turn / 0.4).abs() < 1e-6);
+            assert_eq!(solution["stable"], true);
         }
     }
 

@@ -10,7 +10,7 @@
 //! `{"axle1":[3],"axle2":[3],"var_beta"}`: postures, headings wrapped to [−π, π], and the variance
 //! σ_β² (rad²) accumulated since the start.
 
-use super::{Kernel, Stage, check};
+use super::{Kernel, KernelState, check};
 use core_algos::fusion::ipec::{Config, Ipec as Algorithm, MIN_BASELINE_M, State};
 use core_algos::math::Posture;
 use serde::Deserialize;
@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 /// Runs [`core_algos::fusion::ipec`]: a configuration line, then one line per interval.
 #[derive(Clone, Debug, Default)]
 pub struct Ipec {
-    stage: Stage<(Algorithm, State)>,
+    stage: KernelState<(Algorithm, State)>,
 }
 
 #[derive(Deserialize)]
@@ -129,10 +129,10 @@ mod tests {
         // Straight: only ds2² σ_rφ² and (ds1 − ds2)² σ_α² are not zero.
         let alpha = 1e-4 / 0.4;
         let variance = ((0.01f64 * 1e-3).powi(2) + (0.001f64 * alpha).powi(2)) / 0.16;
-        let said = result["var_beta"].as_f64().unwrap();
+        let reported = result["var_beta"].as_f64().unwrap();
         assert!(
-            (said / variance - 1.0).abs() < 1e-3,
-            "{said:e} {variance:e}"
+            (reported / variance - 1.0).abs() < 1e-3,
+            "{reported:e} {variance:e}"
         );
     }
 

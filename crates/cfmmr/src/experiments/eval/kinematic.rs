@@ -19,8 +19,8 @@ use serde_json::{Value, json};
 pub struct Kinematic;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Case {
+#[serde(deny_unknown_fields, expecting = "struct Case")]
+struct KinematicCase {
     posture: [f64; 3],
     reference: [f64; 3],
     v_r: f32,
@@ -35,7 +35,7 @@ struct Case {
 
 impl Kernel for Kinematic {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let case: Case = parse(text)?;
+        let case: KinematicCase = parse(text)?;
         let posture = check::narrow_posture("posture", &case.posture)?;
         let reference = check::narrow_posture("reference", &case.reference)?;
         let finite = [
@@ -101,12 +101,12 @@ mod tests {
         let numerator = k1 * e * root * (e - r2 * root).tanh()
             + v_r * e * cos_t * root
             + v_r * r2 * sin2 * (sin_t + kappa_r * e);
-        let along = if case["form"] == "printed" {
+        let tangential = if case["form"] == "printed" {
             1.0
         } else {
             cos_a
         };
-        let denominator = e * root * along + r2 * sin2 * sin_a;
+        let denominator = e * root * tangential + r2 * sin2 * sin_a;
         let v = numerator / denominator;
         let phi_dot =
             k2 * (theta + alpha).tanh() + 2.0 / e * (v * sin_a - v_r * sin_t) - v_r * kappa_r;

@@ -27,7 +27,7 @@ pub trait Kernel {
 
 /// State of a kernel whose first line configures it.
 #[derive(Clone, Debug, Default)]
-pub enum Stage<T> {
+pub enum KernelState<T> {
     /// No line was read.
     #[default]
     Unconfigured,
@@ -37,7 +37,7 @@ pub enum Stage<T> {
     Running(T),
 }
 
-impl<T> Stage<T> {
+impl<T> KernelState<T> {
     /// Result of a line: `start` evaluates the first line, `step` every later line.
     fn line<Setup: DeserializeOwned, Step: DeserializeOwned>(
         &mut self,
@@ -120,7 +120,7 @@ mod tests {
 
     #[derive(serde::Deserialize)]
     #[serde(deny_unknown_fields)]
-    struct Case {
+    struct DoubleCase {
         length: f32,
     }
 
@@ -128,7 +128,7 @@ mod tests {
 
     impl Kernel for Double {
         fn line(&mut self, text: &str) -> Result<Value, String> {
-            let case: Case = parse(text)?;
+            let case: DoubleCase = parse(text)?;
             if case.length == 0.0 {
                 return Ok(Value::Null);
             }

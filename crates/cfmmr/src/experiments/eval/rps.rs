@@ -23,8 +23,8 @@ use serde_json::{Value, json};
 pub struct Rps;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Case {
+#[serde(deny_unknown_fields, expecting = "struct Case")]
+struct RpsCase {
     length: f64,
     half_thickness: f64,
     #[serde(default)]
@@ -56,7 +56,7 @@ fn input_name(error: &ConfigError) -> String {
     format!("{name} = {}: must be {}", error.value, error.allowed)
 }
 
-impl Case {
+impl RpsCase {
     fn solver(&self) -> Result<PostureSolver, String> {
         let count = self.gauges.len();
         let narrow: Vec<f32> = self.gauges.iter().map(|g| *g as f32).collect();
@@ -110,7 +110,7 @@ impl Case {
 
 impl Kernel for Rps {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let case: Case = parse(text)?;
+        let case: RpsCase = parse(text)?;
         let solver = case.solver()?;
         let strains = case.strains()?;
         let all = GaugeMask::first(case.gauges.len());

@@ -6,12 +6,12 @@ mod report;
 pub mod trials;
 mod variant;
 
-use crate::experiments::run::stage::Watch;
+use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Seeds};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 pub use publish::{publish, summaries};
-pub use report::{CHI_SQUARE_99, Report, Row, summarize, table, trials_csv};
+pub use report::{CHI_SQUARE_99, PostureReport, PostureRow, summarize, table, trials_csv};
 pub use trials::Trial;
 pub use variant::{ROWS, Variant};
 
@@ -19,15 +19,15 @@ pub use variant::{ROWS, Variant};
 /// trial of one variant.
 pub fn run(
     context: &Context,
-    watch: &Watch,
+    outputs: &Outputs,
     variants: &[Variant],
     seeds: Seeds,
 ) -> Result<(), Error> {
     // An impossible recording is refused before the trials.
-    watch.check()?;
-    let (blocks, recorded) = match watch.is_live() {
+    outputs.check()?;
+    let (blocks, recorded) = match outputs.is_live() {
         true => {
-            let (trial, recorded) = trials::first(context, watch, variants)?;
+            let (trial, recorded) = trials::first(context, outputs, variants)?;
             (vec![vec![trial]], recorded)
         }
         false => {
@@ -36,9 +36,9 @@ pub fn run(
             let pictured = trials::pictured(variants);
             let is_shown = |row: usize| pictured.contains(&variants[row]);
             let blocks = trials::run(&context.workers, &rows, seeds, is_shown)?;
-            let records = watch.records() && !context.workers.is_interrupted();
+            let records = outputs.records() && !context.workers.is_interrupted();
             let recorded = match records {
-                true => trials::first(context, watch, variants)?.1,
+                true => trials::first(context, outputs, variants)?.1,
                 false => Vec::new(),
             };
             (blocks, recorded)

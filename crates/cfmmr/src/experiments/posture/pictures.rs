@@ -1,6 +1,6 @@
 //! The trials of one configuration as pictures.
 
-use crate::experiments::posture::{Row, Trial, Variant};
+use crate::experiments::posture::{PostureRow, Trial, Variant};
 use host_sim::run::end::Verdict;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::robot::Record;
@@ -109,7 +109,7 @@ impl<'a> Picture<'a> {
     }
 
     /// The trial for the report page.
-    pub fn page(&self, row: &Row) -> page::Run<'a> {
+    pub fn page(&self, row: &PostureRow) -> page::Run<'a> {
         let (goal, trials) = (self.goal(), self.trials);
         let error = |posture: [f64; 3]| {
             let error = FinalError::of(posture, goal);

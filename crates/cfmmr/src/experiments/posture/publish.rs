@@ -2,7 +2,7 @@
 
 use super::pictures::Picture;
 use super::trials::pictured;
-use super::{Report, Row, Trial, Variant, report, summarize};
+use super::{PostureReport, PostureRow, Trial, Variant, report, summarize};
 use crate::experiments::Context;
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
@@ -30,7 +30,7 @@ pub fn publish(
     variants: &[Variant],
     shown: &[Variant],
     blocks: &[Vec<Trial>],
-) -> Result<(Report, OutputDir), Error> {
+) -> Result<(PostureReport, OutputDir), Error> {
     let goal = context.scenario.mission.goal;
     let pairs = || variants.iter().zip(blocks);
     let rows = summaries(pairs(), goal)?;
@@ -59,14 +59,14 @@ pub fn publish(
     figures::errors("Posture errors", &columns).add(&mut files, "errors");
     files.csv("trials.csv", report::trials_csv(pairs(), goal));
     let trials = blocks.iter().map(Vec::len).max().unwrap_or(0) as u32;
-    Ok((Report { trials, rows }, files))
+    Ok((PostureReport { trials, rows }, files))
 }
 
 /// Row of each variant; fails if an interrupt left a variant without a trial.
 pub fn summaries<'a>(
     blocks: impl Iterator<Item = (&'a Variant, &'a Vec<Trial>)>,
     goal: [f64; 3],
-) -> Result<Vec<Row>, Error> {
+) -> Result<Vec<PostureRow>, Error> {
     let rows = blocks.map(|(variant, block)| match block.is_empty() {
         true => Err(Error::Interrupted(
             "interrupted before each row had a trial: nothing is written".to_owned(),
@@ -77,7 +77,7 @@ pub fn summaries<'a>(
 }
 
 /// Verdict, table, meaning of its words, and commands to type next.
-fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
+fn screen(context: &Context, report: &PostureReport, variants: &[Variant]) -> String {
     let world = context.scenario.world.label();
     let folder = context.folder().display();
     let tolerance = [
@@ -97,7 +97,7 @@ fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
 }
 
 /// Reason if no trial of a row ended as commanded.
-fn failure(report: &Report, variants: &[Variant]) -> Option<String> {
+fn failure(report: &PostureReport, variants: &[Variant]) -> Option<String> {
     let row = report.rows.iter().position(|row| row.done == 0.0)?;
     let (row, variant) = (&report.rows[row], &variants[row]);
     Some(format!(

@@ -18,7 +18,7 @@ pub const CHI_SQUARE_99: f64 = 11.345;
 
 /// Row of the result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct PostureRow {
     /// True if the relative position sensor was fitted.
     pub rps: bool,
     /// True if inertial sensors were fitted.
@@ -65,15 +65,15 @@ pub struct Row {
 
 /// Result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct PostureReport {
     /// Trials in each row.
     pub trials: u32,
     /// The rows.
-    pub rows: Vec<Row>,
+    pub rows: Vec<PostureRow>,
 }
 
 /// Summarises the trials of one configuration.
-pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
+pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> PostureRow {
     let outcomes: Vec<&Outcome> = trials.iter().map(|trial| &trial.outcome).collect();
     let errors: Vec<FinalError> = outcomes
         .iter()
@@ -92,7 +92,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
         let known = runs.iter().filter_map(|end| end.error_95);
         Summary::of(&known.map(|error| error[k]).collect::<Vec<_>>())
     };
-    Row {
+    PostureRow {
         rps: variant.rps,
         imu: variant.imu,
         fusion: variant.fusion(),
@@ -120,13 +120,13 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
 }
 
 /// The row with the smallest mean goal error against the first row, in one line; empty for a single row.
-pub fn verdict(rows: &[Row], variants: &[Variant]) -> String {
+pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     let pairs = || rows.iter().zip(variants);
     let best = pairs().min_by(|(a, _), (b, _)| a.e_m.mean.total_cmp(&b.e_m.mean));
     let (Some(best), Some(first)) = (best, pairs().next()) else {
         return String::new();
     };
-    let named = |(row, variant): (&Row, &Variant)| {
+    let named = |(row, variant): (&PostureRow, &Variant)| {
         let alone = if variant.rps || variant.imu {
             ""
         } else {
@@ -146,7 +146,7 @@ pub fn verdict(rows: &[Row], variants: &[Variant]) -> String {
 }
 
 /// Meaning of the columns and of the ends that occur. `tolerance`: position, m, and heading, rad.
-pub fn meanings(rows: &[Row], [position, heading]: [f64; 2]) -> String {
+pub fn meanings(rows: &[PostureRow], [position, heading]: [f64; 2]) -> String {
     let claim = match rows.iter().any(|row| row.error_95_is_bound) {
         false => "",
         true => "; ≤: a bound, since without gauges and gyros tyre slip is not observed",
@@ -168,7 +168,7 @@ pub fn meanings(rows: &[Row], [position, heading]: [f64; 2]) -> String {
 }
 
 /// The rows as a table for the screen.
-pub fn table(rows: &[Row], variants: &[Variant]) -> String {
+pub fn table(rows: &[PostureRow], variants: &[Variant]) -> String {
     let mut table = Table::new([
         "sensors",
         "fusion",
@@ -190,7 +190,7 @@ pub fn table(rows: &[Row], variants: &[Variant]) -> String {
     table.to_string()
 }
 
-impl Row {
+impl PostureRow {
     /// Goal error, mean and standard deviation, cm.
     fn e_text(&self) -> String {
         plus_minus(100.0 * self.e_m.mean, 100.0 * self.e_m.sd, 1)
@@ -212,10 +212,10 @@ pub fn trials_csv<'a>(
         let numbered = block.iter().enumerate();
         numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    csv::Row::table(trials.map(|(variant, trial, outcome)| {
+    csv::CsvRow::table(trials.map(|(variant, trial, outcome)| {
         let error = FinalError::of(outcome.midpoint, goal);
         let [dx, dy, _] = outcome.relative_error;
-        let mut row = csv::Row::default();
+        let mut row = csv::CsvRow::default();
         row.put("rps imu", &[variant.rps, variant.imu]);
         row.put("fusion", &[variant.fusion()]);
         row.put("trial", &[trial]);

@@ -2,7 +2,7 @@
 
 use super::{Variant, pictures};
 use crate::experiments::run::plan::Plan;
-use crate::experiments::run::stage::{Stage, Watch};
+use crate::experiments::run::stage::{Outputs, Stage};
 use crate::experiments::{Context, Seeds, Workers};
 use host_sim::base::error::Error;
 use host_sim::run::keyboard::Keyboard;
@@ -12,7 +12,7 @@ use host_sim::scenario::Scenario;
 use std::path::PathBuf;
 
 /// Trials per row whose paths are kept; bounds memory.
-const PICTURED: usize = 200;
+const KEPT_PATHS: usize = 200;
 
 /// Data of a trial.
 #[derive(Clone, Debug, Default)]
@@ -27,8 +27,8 @@ pub struct Trial {
 
 impl Trial {
     /// Adds the state after an epoch to the path; `all` also keeps the record.
-    pub fn see(&mut self, record: &Record, all: bool) {
-        if self.path.len() * 10 <= records_seen(record) {
+    pub fn push(&mut self, record: &Record, all: bool) {
+        if self.path.len() * 10 <= epochs_since_start(record) {
             self.path.push([record.midpoint[0], record.midpoint[1]]);
         }
         if all {
@@ -46,11 +46,11 @@ pub fn run(
     is_shown: impl Fn(usize) -> bool + Sync,
 ) -> Result<Vec<Vec<Trial>>, Error> {
     let mut blocks = workers.run_rows("trials", (rows.len(), seeds.trials), |row, trial| {
-        let keep = is_shown(row) && trial < PICTURED;
+        let keep = is_shown(row) && trial < KEPT_PATHS;
         let mut kept = Trial::default();
         kept.outcome = regulate(&rows[row], seeds.seed, trial as u64, |record| {
             if keep {
-                kept.see(record, trial == 0);
+                kept.push(record, trial == 0);
             }
         })?;
         Ok(kept)
@@ -60,8 +60,8 @@ pub fn run(
         if is_shown(row) && !block.is_empty() {
             let median = pictures::median_trial(block, scenario.mission.goal);
             if block[median].records.is_empty() {
-                let see = |record: &Record| block[median].see(record, true);
-                regulate(scenario, seeds.seed, median as u64, see)?;
+                let push_record = |record: &Record| block[median].push(record, true);
+                regulate(scenario, seeds.seed, median as u64, push_record)?;
             }
         }
     }
@@ -71,18 +71,18 @@ pub fn run(
 /// First trial of the last pictured variant, recorded and shown as requested, with the recorded files.
 pub fn first(
     context: &Context,
-    watch: &Watch,
+    outputs: &Outputs,
     variants: &[Variant],
 ) -> Result<(Trial, Vec<PathBuf>), Error> {
     let shown = pictured(variants);
     let variant = shown.last().copied().unwrap_or(Variant::PAIR[1]);
     let scenario = variant.apply(&context.scenario);
     let goal = (scenario.mission.goal, &[][..]);
-    let stage = Stage::begin(watch, context, &scenario, goal, Keyboard::default())?;
+    let stage = Stage::begin(outputs, context, &scenario, goal, Keyboard::default())?;
     let mut simulation = stage.simulation()?;
     let mut trial = Trial::default();
     let driven = stage.run(&Plan::default(), &mut simulation, |robot| {
-        regulate_on(robot, &scenario, |record| trial.see(record, true))
+        regulate_on(robot, &scenario, |record| trial.push(record, true))
     })?;
     trial.outcome = driven.outcome;
     Ok((trial, driven.recorded))
@@ -104,6 +104,6 @@ pub fn pictured(variants: &[Variant]) -> Vec<Variant> {
 }
 
 /// Epochs since the start of the simulation.
-fn records_seen(record: &Record) -> usize {
+fn epochs_since_start(record: &Record) -> usize {
     (record.time_s * 100.0).round() as usize
 }

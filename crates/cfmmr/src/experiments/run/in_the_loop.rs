@@ -3,19 +3,19 @@
 
 use super::links::{DEFAULT_FLASH, Links};
 use super::mission::Outcome;
-use super::place::Place;
+use super::place::BoardPlace;
 use super::stage::Driven;
-use super::{BoardValues, Boards, Run, happenings};
+use super::{BoardValues, Boards, Run, events_text};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::recovery::{PAUSE, Status};
+use host_sim::run::recovery::{CHECK_DELAY_TICKS, Status};
 use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
-use host_sim::targets::{Event, InProcess, Report as BoardReport, Target, What};
+use host_sim::targets::{Event, EventKind, InProcess, Target, TargetReport as BoardReport};
 use output::table::Table;
 use remote::Remote;
 use remote::board_log;
@@ -34,7 +34,7 @@ pub struct BoardUse {
 
 /// Result of the boards after the run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Values {
+pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
     /// First difference.
@@ -61,7 +61,8 @@ pub fn run(
     compare: bool,
 ) -> Result<(), Error> {
     let output = || run.context.output();
-    let (driven, mut boards) = board_log::kept(drive(run, targets, compare), logs, output)?;
+    let (driven, mut boards) =
+        board_log::keep_logs_on_error(drive(run, targets, compare), logs, output)?;
     boards.files.extend(board_log::files(logs));
     run.publish(driven, boards)
 }
@@ -69,7 +70,7 @@ pub fn run(
 /// Connects to the boards of a place; boards without a link run in this program. With `stored`, the boards' own
 /// parameters are written into the scenario.
 pub fn connect(
-    (place, baud): (&Place, u32),
+    (place, baud): (&BoardPlace, u32),
     boards: &BoardUse,
     scenario: &mut Scenario,
     logs: &[BoardLog],
@@ -88,7 +89,7 @@ pub fn connect(
         };
         let mut remote = Remote::new(robot, role, link);
         if boards.stored {
-            remote.greet()?;
+            remote.start_session()?;
             scenario.boards.put(role, &remote.own_parameters()?);
         }
         Ok(Box::new(remote))
@@ -157,8 +158,8 @@ fn values(
     trace: &Trace,
     wall_s: f64,
     difference: Option<&Option<Difference>>,
-) -> Values {
-    Values {
+) -> InTheLoopValues {
+    InTheLoopValues {
         identical: difference.map(Option::is_none),
         difference: difference
             .and_then(Option::as_ref)
@@ -177,7 +178,7 @@ fn values(
 }
 
 /// Summary of the boards.
-fn summary(values: &Values) -> String {
+fn summary(values: &InTheLoopValues) -> String {
     let mut table = Table::new([
         "board",
         "place",
@@ -223,13 +224,13 @@ fn summary(values: &Values) -> String {
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         values.ticks, values.wall_s
     );
-    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    text += &events_text(values.late_ticks, &values.events, &values.nodes);
     if values
         .events
         .iter()
-        .any(|event| event.what == What::Cleared)
+        .any(|event| event.what == EventKind::Cleared)
     {
-        let pause = f64::from(PAUSE) * 1e-3;
+        let pause = f64::from(CHECK_DELAY_TICKS) * 1e-3;
         text += &format!(
             "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
              without the host the robot stays at rest\n"

@@ -1,6 +1,6 @@
 //! Links to the boards of a place.
 
-use super::place::Place;
+use super::place::BoardPlace;
 use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use remote::board_log::BoardLog;
@@ -30,7 +30,7 @@ pub fn open_port(board: &str, port: &Path, baud: u32) -> Result<Box<dyn Link>, E
 pub struct Links<'a> {
     /// Axles of the robot.
     pub robot: Topology,
-    place: &'a Place,
+    place: &'a BoardPlace,
     baud: u32,
     images: Option<Images>,
     flash: Option<PathBuf>,
@@ -40,12 +40,12 @@ impl<'a> Links<'a> {
     /// Builds the images if the boards are virtual; `flash` is the folder of their flash files.
     pub fn new(
         robot: Topology,
-        place: &'a Place,
+        place: &'a BoardPlace,
         baud: u32,
         flash: Option<PathBuf>,
     ) -> Result<Self, Error> {
         let images = match place {
-            Place::Virtual => Some(Images::open(None, None)?),
+            BoardPlace::Virtual => Some(Images::open(None, None)?),
             _ => None,
         };
         Ok(Self {

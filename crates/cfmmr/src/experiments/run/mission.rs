@@ -4,7 +4,7 @@ use super::steps;
 use super::steps::Steps;
 use crate::experiments::Context;
 use crate::experiments::follow;
-use crate::experiments::follow::{Course, MOST_ROWS};
+use crate::experiments::follow::{Course, MAX_ROWS};
 use crate::experiments::posture;
 use crate::experiments::posture::{Trial, Variant};
 use crate::experiments::result::end_lines;
@@ -13,10 +13,10 @@ use host_sim::base::error::Error;
 use host_sim::run::end::{Ended, RunEnd};
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Moment, PathMode};
+use host_sim::run::path_run::{PathEpoch, PathMode};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::{Record, Robot};
-use host_sim::run::script::{Line, Step};
+use host_sim::run::script::{Line, ScriptStep};
 use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
@@ -41,7 +41,7 @@ pub enum Outcome {
     /// Outcome of a posture regulation.
     Posture(Box<Trial>),
     /// Outcome of path following or trajectory tracking.
-    Path(Box<path_run::Outcome>, Vec<Moment>),
+    Path(Box<path_run::Outcome>, Vec<PathEpoch>),
     /// Outcome of a script.
     Script(Steps),
 }
@@ -89,7 +89,7 @@ impl Mission {
     pub fn keyboard(&self) -> Keyboard {
         match self {
             Self::Script { lines, .. } => match lines.first().map(|line| &line.step) {
-                Some(Step::Hand(keyboard)) => keyboard.clone(),
+                Some(ScriptStep::Hand(keyboard)) => keyboard.clone(),
                 _ => Keyboard::default(),
             },
             _ => Keyboard::default(),
@@ -130,17 +130,17 @@ impl Mission {
         Ok(match self {
             Self::Posture(_) => {
                 let mut trial = Trial::default();
-                let outcome = regulate_on(robot, scenario, |record| trial.see(record, true))?;
+                let outcome = regulate_on(robot, scenario, |record| trial.push(record, true))?;
                 trial.outcome = outcome;
                 Outcome::Posture(Box::new(trial))
             }
             Self::Path(course, path_mode) => {
-                let mut kept = Thinned::new(MOST_ROWS);
-                let see = |moment: &Moment| kept.push(moment.clone());
-                let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
+                let mut kept = Thinned::new(MAX_ROWS);
+                let keep = |moment: &PathEpoch| kept.push(moment.clone());
+                let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, keep)?;
                 Outcome::Path(Box::new(outcome), kept.into_values())
             }
-            Self::Script { lines, .. } => Outcome::Script(Steps::taken(robot, scenario, lines)),
+            Self::Script { lines, .. } => Outcome::Script(Steps::execute(robot, scenario, lines)),
         })
     }
 

@@ -1,6 +1,6 @@
 //! Run of a robot: a mission, the boards that drive it, and the published result.
 //!
-//! [`Run`] is a mission with its time limits and recording. [`Run::at`] drives it at a [`Place`],
+//! [`Run`] is a mission with its time limits and recording. [`Run::at`] drives it at a [`BoardPlace`],
 //! [`in_the_loop::run`] with each board behind its own link. Table, files and JSON are equal everywhere;
 //! reports of the boards are added.
 //!
@@ -34,11 +34,11 @@ use host_sim::run::robot::Robot;
 use host_sim::scenario::Scenario;
 use host_sim::targets::Event;
 use mission::{Mission, Outcome};
-use place::{Place, Site};
+use place::{BoardPlace, Site};
 use plan::Plan;
 use serde::Serialize;
 use serde_json::Value;
-use stage::{Driven, Stage, Watch};
+use stage::{Driven, Outputs, Stage};
 
 /// Run that has not begun.
 pub struct Run<'a> {
@@ -49,20 +49,25 @@ pub struct Run<'a> {
     /// Time limits, and failures of boards during the run.
     pub plan: Plan,
     /// Recording and display.
-    pub watch: &'a Watch,
+    pub outputs: &'a Outputs,
 }
 
 impl Run<'_> {
     /// Drives the mission at a place and publishes the result.
     pub fn at(&self, site: &Site) -> Result<(), Error> {
-        check(&self.context.scenario, self.mission, &self.plan, self.watch)?;
+        check(
+            &self.context.scenario,
+            self.mission,
+            &self.plan,
+            self.outputs,
+        )?;
         match &site.place {
-            Place::InProcess => {
+            BoardPlace::InProcess => {
                 let (_, driven) = self.on(|stage| stage.simulation())?;
                 self.publish(driven, Boards::default())
             }
-            Place::Virtual => virtual_boards::run(self, site),
-            Place::Serial(_) => real::run(self, site),
+            BoardPlace::Virtual => virtual_boards::run(self, site),
+            BoardPlace::Serial(_) => real::run(self, site),
         }
     }
 
@@ -75,11 +80,17 @@ impl Run<'_> {
             context,
             mission,
             plan,
-            watch,
+            outputs,
         } = self;
         let scenario = &context.scenario;
         let (goal, path) = mission.goal(scenario);
-        let stage = Stage::begin(watch, context, scenario, (goal, &path), mission.keyboard())?;
+        let stage = Stage::begin(
+            outputs,
+            context,
+            scenario,
+            (goal, &path),
+            mission.keyboard(),
+        )?;
         let mut robot = open(&stage)?;
         let driven = stage.run(plan, &mut robot, |robot| mission.drive(robot, scenario))?;
         Ok((robot, driven))
@@ -108,10 +119,10 @@ pub fn check(
     scenario: &Scenario,
     mission: &Mission,
     plan: &Plan,
-    watch: &Watch,
+    outputs: &Outputs,
 ) -> Result<(), Error> {
     plan.check(scenario, mission.limit_s(scenario))?;
-    watch.check()
+    outputs.check()
 }
 
 /// Reports of the boards of a simulated robot after a run.
@@ -135,9 +146,9 @@ enum BoardValues {
     #[default]
     None,
     /// Values of boards in the loop.
-    InTheLoop(in_the_loop::Values),
+    InTheLoop(in_the_loop::InTheLoopValues),
     /// Values of virtual boards.
-    Virtual(virtual_boards::Values),
+    Virtual(virtual_boards::VirtualBoardValues),
 }
 
 /// Result of a mission and of its boards.
@@ -152,15 +163,16 @@ struct Published {
 /// Reasons for a failed run: the mission failed, the robot did not stop, or a board has a problem. A mission that the
 /// user interrupted has not failed.
 fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> {
-    let undone = driven.outcome.failure();
-    let undone = undone.filter(|_| driven.outcome.end().kind != EndKind::Interrupted);
-    let all = [undone, driven.restless.clone(), problem];
+    let mission_failure = driven.outcome.failure();
+    let mission_failure =
+        mission_failure.filter(|_| driven.outcome.end().kind != EndKind::Interrupted);
+    let all = [mission_failure, driven.stop_error.clone(), problem];
     let all: Vec<String> = all.into_iter().flatten().collect();
     (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// Lines on late ticks, lost and restarted boards, and nodes in a fault state.
-fn happenings(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
+fn events_text(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
     let faults = nodes.iter();
     let faults = faults.filter(|status| status.state == OperatingState::Fault);
     let late = late_ticks.map(|late| format!("{late} ticks began more than one tick late\n"));

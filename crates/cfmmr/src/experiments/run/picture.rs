@@ -20,8 +20,8 @@ pub fn draw(
     summary: Vec<(String, String)>,
 ) {
     files.csv("log.csv", csv::of_records(records));
-    let seen: Vec<Record> = records.iter().map(Record::seen).collect();
-    let Some(last) = seen.last() else {
+    let shown: Vec<Record> = records.iter().map(Record::with_estimate).collect();
+    let Some(last) = shown.last() else {
         return;
     };
     let body = context.body();
@@ -30,12 +30,12 @@ pub fn draw(
     let panel = PathsPanel {
         title: title.clone(),
         others: Vec::new(),
-        path: seen
+        path: shown
             .iter()
             .map(|at| [at.midpoint[0], at.midpoint[1]])
             .collect(),
-        wheels: pictures::wheel_paths(&seen, body.half_track_m),
-        snapshots: pictures::snapshots(&seen),
+        wheels: pictures::wheel_paths(&shown, body.half_track_m),
+        snapshots: pictures::snapshots(&shown),
         goal,
         tolerance: [mission.tolerance_m, mission.tolerance_rad],
         ends: vec![(Verdict::of(end.kind, within), last.midpoint)],

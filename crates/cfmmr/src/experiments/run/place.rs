@@ -9,7 +9,7 @@ pub const ROBOT: Topology = Topology::PAIR;
 
 /// Place of the boards.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Place {
+pub enum BoardPlace {
     /// The boards' nodes run in this program.
     #[default]
     InProcess,
@@ -20,7 +20,7 @@ pub enum Place {
     Serial(Vec<(Role, PathBuf)>),
 }
 
-impl Place {
+impl BoardPlace {
     /// Parses `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
     pub fn parse(text: &str) -> Result<Self, String> {
         const ALLOWED: &str =
@@ -73,7 +73,7 @@ pub fn board_named(name: &str) -> Option<Role> {
 #[derive(Clone, Debug)]
 pub struct Site {
     /// Place.
-    pub place: Place,
+    pub place: BoardPlace,
     /// Baud rate of the serial ports.
     pub baud: u32,
     /// Images of axle and beam board for virtual boards; `None`: images built from this checkout.
@@ -87,7 +87,7 @@ pub struct Site {
 impl Default for Site {
     fn default() -> Self {
         Self {
-            place: Place::InProcess,
+            place: BoardPlace::InProcess,
             baud: BAUD,
             images: [None, None],
             profile: false,

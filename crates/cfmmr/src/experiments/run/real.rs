@@ -23,13 +23,14 @@ use serde::Serialize;
 
 /// Result of a robot whose true posture is not known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Values {
+struct RealRobotValues {
     /// Build of the front board's image.
     build: String,
     /// End of the run.
     end: RunEnd,
     /// Reason if the robot did not confirm that it stopped.
-    restless: Option<String>,
+    #[serde(rename = "restless")]
+    stop_error: Option<String>,
     /// Time of all steps, s.
     duration_s: f64,
     /// Distance of the estimated midpoint from the goal, m.
@@ -56,18 +57,20 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let Run {
         context,
         mission,
-        watch,
+        outputs,
         ..
     } = run;
     let scenario = &context.scenario;
     let robot = scenario.robot.topology();
     // Ports are opened before the recording begins: a missing port is an input error.
-    let (connect, others) = open(robot, site, watch.records())?;
+    let (connect, others) = open(robot, site, outputs.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
-    let told = scenario.mission.told();
-    let start = scenario.robot.put_down(Posture::new(x, y, phi), &told);
+    let configured = scenario.mission.configured_placement();
+    let start = scenario
+        .robot
+        .placement(Posture::new(x, y, phi), &configured);
     let start = mission.is_placed().then_some(start);
-    let record = watch.records().then_some((scenario, others));
+    let record = outputs.records().then_some((scenario, others));
     match run.on(|_| SerialRobot::open(robot, connect, start, record)) {
         Ok((robot, driven)) => publish(run, &robot, &driven),
         Err(Error::NoAnswer(why)) => no_answer(context, why),
@@ -134,17 +137,23 @@ fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(
 /// Publishes the end of a run without any answer of the robot.
 fn no_answer(context: &Context, why: String) -> Result<(), Error> {
     #[derive(Serialize)]
-    struct Values<'a> {
+    struct NoAnswerValues<'a> {
         end: &'a RunEnd,
     }
     let end = RunEnd::no_answer(why);
     let mut files = context.output()?;
     files.csv("ends.csv", csv::of_ends([&end]));
     let text = format!("end: {}\n", end.text());
-    context.finish(&text, &Values { end: &end }, files, &[], end.failure())
+    context.finish(
+        &text,
+        &NoAnswerValues { end: &end },
+        files,
+        &[],
+        end.failure(),
+    )
 }
 
-fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Values {
+fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> RealRobotValues {
     let outcome = &driven.outcome;
     let fused = robot.record().lead.fused.robot;
     let at = fused.posture;
@@ -158,10 +167,10 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
         Outcome::Script(steps) => steps.ends.clone(),
         _ => Vec::new(),
     };
-    Values {
+    RealRobotValues {
         build: robot.build().to_owned(),
         end: outcome.end(),
-        restless: driven.restless.clone(),
+        stop_error: driven.stop_error.clone(),
         duration_s: outcome.duration_s(),
         e_estimated_m: error.e_m,
         heading_estimated_rad: error.heading_rad,
@@ -174,7 +183,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
     }
 }
 
-fn table(values: &Values) -> String {
+fn table(values: &RealRobotValues) -> String {
     let mut table = Table::new(["real robot", ""]);
     let mut row = |name: &str, value: String| {
         table.row([name.to_owned(), value]);

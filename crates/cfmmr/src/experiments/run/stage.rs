@@ -21,14 +21,14 @@ use std::time::Instant;
 
 /// Recording and display options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Watch {
+pub struct Outputs {
     /// Files and address of the recording.
     pub destinations: Destinations,
     /// True if the run is shown on the terminal.
     pub dashboard: bool,
 }
 
-impl Watch {
+impl Outputs {
     /// Fails if the run cannot be shown or recorded; called before a long computation.
     pub fn check(&self) -> Result<(), Error> {
         if self.dashboard {
@@ -50,7 +50,7 @@ impl Watch {
 
 /// Recording and display of one run.
 pub struct Stage<'a> {
-    watch: &'a Watch,
+    outputs: &'a Outputs,
     about: About<'a>,
     goal: [f64; 3],
     session: Option<Session>,
@@ -67,13 +67,13 @@ pub struct Driven<T> {
     /// Time from the first tick to the last, s.
     pub wall_s: f64,
     /// Reason if the robot did not stop after the run.
-    pub restless: Option<String>,
+    pub stop_error: Option<String>,
 }
 
 impl<'a> Stage<'a> {
     /// Begins the recording of a run to a goal; `path` may be empty. Waits for the first viewer of a live run.
     pub fn begin(
-        watch: &'a Watch,
+        outputs: &'a Outputs,
         context: &'a Context,
         scenario: &'a Scenario,
         (goal, path): ([f64; 3], &[[f64; 3]]),
@@ -87,7 +87,7 @@ impl<'a> Stage<'a> {
             scenario,
         };
         let interrupt = context.workers.interrupt();
-        let session = Session::begin(&watch.destinations, &about)?;
+        let session = Session::begin(&outputs.destinations, &about)?;
         if let Some(session) = &session {
             if goal[0].is_finite() {
                 session.plan(goal, path);
@@ -95,7 +95,7 @@ impl<'a> Stage<'a> {
             session.await_viewer(interrupt)?;
         }
         Ok(Self {
-            watch,
+            outputs,
             about,
             goal,
             session,
@@ -139,7 +139,7 @@ impl<'a> Stage<'a> {
         }
         // A real robot already runs in real time.
         let is_simulated = robot.plant().is_some();
-        let real_time = plan.real_time || self.watch.is_live() || self.keyboard.drives();
+        let real_time = plan.real_time || self.outputs.is_live() || self.keyboard.drives();
         let control = robot.control_mut();
         control.span = plan.span;
         control.interrupt = Some(self.interrupt.clone());
@@ -152,7 +152,7 @@ impl<'a> Stage<'a> {
         // A simulated robot is stopped after an interrupt only.
         let stops = self.interrupt.load(Relaxed) || !is_simulated;
         let stopped = if stops { robot.stop() } else { Ok(()) };
-        let restless = stopped.err().map(|error| error.to_string());
+        let stop_error = stopped.err().map(|error| error.to_string());
         // Displays close.
         let observers = std::mem::take(&mut robot.control_mut().observers);
         for mut observer in observers {
@@ -166,13 +166,13 @@ impl<'a> Stage<'a> {
             outcome,
             recorded,
             wall_s,
-            restless,
+            stop_error,
         })
     }
 
     /// Opens the dashboard if `--dashboard` is given or the keyboard drives.
     fn dashboard(&self) -> Result<Option<Box<dyn Observer>>, Error> {
-        if !self.watch.dashboard && !self.keyboard.drives() {
+        if !self.outputs.dashboard && !self.keyboard.drives() {
             return Ok(None);
         }
         let title = format!("cfmmr {}, seed {}", self.about.command, self.about.seed);

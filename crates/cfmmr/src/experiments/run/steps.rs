@@ -2,14 +2,14 @@
 
 use super::picture::draw;
 use crate::experiments::Context;
-use crate::experiments::follow::MOST_ROWS;
+use crate::experiments::follow::MAX_ROWS;
 use crate::experiments::result::warn;
 use crate::thinned::Thinned;
 use host_sim::base::error::Error;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::run::script;
-use host_sim::run::script::{Line, Step, StepEnd};
+use host_sim::run::script::{Line, ScriptStep, StepEnd};
 use host_sim::scenario::Scenario;
 use output::files::{Csv, OutputDir};
 use output::table::Table;
@@ -19,7 +19,7 @@ use serde::Serialize;
 
 /// Result of a script.
 #[derive(Debug, Serialize)]
-struct Values<'a> {
+struct ScriptValues<'a> {
     /// Steps with their ends.
     steps: &'a [StepEnd],
 }
@@ -37,11 +37,11 @@ pub struct Steps {
 
 impl Steps {
     /// Executes the steps with a robot.
-    pub fn taken(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
-        let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
+    pub fn execute(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
+        let (mut records, mut ends) = (Thinned::new(MAX_ROWS), Vec::new());
         let see = |record: &Record| records.push(record.clone());
         // The end of the last step contains an error.
-        let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
+        let _ = script::execute(robot, scenario, lines, see, &mut ends);
         Self {
             ends,
             records: records.into_values(),
@@ -80,8 +80,8 @@ impl Steps {
         match step.end.failure() {
             Some(why) => Some(format!("line {}: {}: {why}", step.line, step.step)),
             None if self.ends.len() < self.count || !step.end.is_success() => {
-                let (taken, count) = (self.ends.len(), self.count);
-                Some(format!("{taken} of {count} steps were executed"))
+                let (executed, count) = (self.ends.len(), self.count);
+                Some(format!("{executed} of {count} steps were executed"))
             }
             None => None,
         }
@@ -91,7 +91,7 @@ impl Steps {
 /// Goal of the script's last step, if the step is a `goto`.
 pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
     match lines.last()?.step {
-        Step::Goto(goal) => Some(goal),
+        ScriptStep::Goto(goal) => Some(goal),
         _ => None,
     }
 }
@@ -99,33 +99,35 @@ pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
 /// Table, result and files.
 pub fn publish(
     context: &Context,
-    taken: &Steps,
+    executed: &Steps,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    let done = taken.ends.iter().filter(|step| step.end.is_success());
-    let title = format!("{} of {} steps succeeded", done.count(), taken.count);
-    let end = taken.end();
+    let done = executed.ends.iter().filter(|step| step.end.is_success());
+    let title = format!("{} of {} steps succeeded", done.count(), executed.count);
+    let end = executed.end();
     draw(
         context,
         &mut files,
-        &taken.records,
-        (&end, taken.goal()),
+        &executed.records,
+        (&end, executed.goal()),
         title,
-        summary(&taken.ends),
+        summary(&executed.ends),
     );
-    files.csv("ends.csv", csv_of(&taken.ends));
-    let report = serde_json::to_value(Values { steps: &taken.ends });
+    files.csv("ends.csv", csv_of(&executed.ends));
+    let report = serde_json::to_value(ScriptValues {
+        steps: &executed.ends,
+    });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;
-    for step in &taken.ends {
+    for step in &executed.ends {
         warn(&step.end, &format!("line {}", step.line));
     }
-    Ok((table(&taken.ends), report, files))
+    Ok((table(&executed.ends), report, files))
 }
 
 /// Ends of the steps as CSV.
 pub fn csv_of(steps: &[StepEnd]) -> Csv {
-    csv::Row::table(steps.iter().map(|step| {
-        let mut row = csv::Row::default();
+    csv::CsvRow::table(steps.iter().map(|step| {
+        let mut row = csv::CsvRow::default();
         row.put("line", &[step.line]);
         row.put("step", &[step.step.as_str()]);
         let goal = step.goal.unwrap_or([f64::NAN; 3]);
@@ -211,7 +213,7 @@ mod tests {
         let lines = script::parse("stop\n\nwait 9\nstop", &scenario).unwrap();
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
         robot.observe(Box::new(Failing));
-        let driven = Steps::taken(&mut robot, &scenario, &lines);
+        let driven = Steps::execute(&mut robot, &scenario, &lines);
         let done = |step: &StepEnd| (step.line, step.end.is_success());
         let ends: Vec<_> = driven.ends.iter().map(done).collect();
         assert_eq!(ends, [(1, true), (3, false)]);

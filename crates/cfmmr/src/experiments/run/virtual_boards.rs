@@ -4,7 +4,7 @@
 use super::mission::Outcome;
 use super::place::Site;
 use super::stage::Driven;
-use super::{BoardValues, Boards, Run, happenings};
+use super::{BoardValues, Boards, Run, events_text};
 use host_sim::base::error::Error;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::real_time::RealTimeLimiter;
@@ -23,7 +23,7 @@ use std::time::Instant;
 
 /// Result of virtual boards after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Values {
+pub(super) struct VirtualBoardValues {
     /// Distance of the midpoint from the goal at the end, m.
     e_m: f64,
     /// Heading less goal heading at the end, rad.
@@ -54,12 +54,12 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let options = Options {
         threads: site.threads,
         profile: site.profile,
-        record: run.watch.records(),
+        record: run.outputs.records(),
         ..Options::default()
     };
     let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let driven = drive(run, &images, &options, &logs);
-    let (driven, mut boards) = board_log::kept(driven, &logs, || context.output())?;
+    let (driven, mut boards) = board_log::keep_logs_on_error(driven, &logs, || context.output())?;
     boards.files.extend(board_log::files(&logs));
     run.publish(driven, boards)
 }
@@ -102,9 +102,9 @@ fn drive(
     Ok((driven, boards))
 }
 
-fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Values {
+fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> VirtualBoardValues {
     let error = FinalError::of(robot.record().midpoint, *goal);
-    Values {
+    VirtualBoardValues {
         e_m: error.e_m,
         heading_rad: error.heading_rad,
         boot_s: robot.boot_s(),
@@ -119,7 +119,7 @@ fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Values {
 }
 
 /// Summary of the boards.
-fn summary(values: &Values) -> String {
+fn summary(values: &VirtualBoardValues) -> String {
     let mut table = Table::new([
         "board",
         "build",
@@ -170,7 +170,7 @@ fn summary(values: &Values) -> String {
         values.simulated_s / values.wall_s,
         instructions as f64 * 1e-6 / values.wall_s,
     );
-    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    text += &events_text(values.late_ticks, &values.events, &values.nodes);
     for board in &values.boards {
         for (time_s, cause) in &board.resets {
             text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);

@@ -16,17 +16,17 @@ use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
 /// Robot and the board that a fault affects.
 #[derive(Clone)]
-pub struct Bench {
+pub struct FaultBench {
     pub robot: VirtualRobot,
     pub random: Pcg64,
     seed: u64,
     /// Affected board.
-    pub struck: Option<Role>,
+    pub affected: Option<Role>,
     /// Failure observed by an act.
-    pub wrong: Option<String>,
+    pub violation: Option<String>,
 }
 
-impl Bench {
+impl FaultBench {
     /// Lowest address of a board's stack; `None` if the image has no such symbol.
     pub fn end_of_stack(&self, role: Role) -> Option<u32> {
         self.robot.images.of(role).symbol("_stack_end")
@@ -36,7 +36,7 @@ impl Bench {
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use host_sim::world::random::{Stream, generator};
         let options = Options {
-            others: 1,
+            extra_nodes: 1,
             ..options
         };
         let (scenario, images) = (&campaign.scenario, campaign.images()?);
@@ -49,18 +49,18 @@ impl Bench {
             robot,
             random: generator(seed, 0, Stream::Other(0x300)),
             seed,
-            struck: None,
-            wrong: None,
+            affected: None,
+            violation: None,
         };
         bench.wire(Fault::Piece {
-            node: bench.other(),
+            node: bench.extra_node(),
             piece: 1,
         });
         Ok(bench)
     }
 
     /// Index of the bus node that is no board.
-    fn other(&self) -> usize {
+    fn extra_node(&self) -> usize {
         self.robot.roles.len()
     }
 
@@ -80,7 +80,7 @@ impl Bench {
     }
 
     /// Advances to a random instant within the next millisecond, so that acts are not synchronised with the boards.
-    pub fn somewhen(&mut self) {
+    pub fn advance_randomly(&mut self) {
         let until = self.now() + Time::from_nanos(self.draw(1_000_000));
         self.robot.network.run_until(until);
     }
@@ -89,7 +89,7 @@ impl Bench {
     pub fn wheel(&mut self) -> (Role, usize) {
         let axles = self.robot.topology.axle_count() as u64;
         let role = Role::axle((self.seed % axles) as u8);
-        self.struck = Some(role);
+        self.affected = Some(role);
         (role, (self.seed / axles % 2) as usize)
     }
 
@@ -97,13 +97,13 @@ impl Bench {
     pub fn any(&mut self) -> Role {
         let boards = &self.robot.roles;
         let role = boards[self.seed as usize % boards.len()];
-        self.struck = Some(role);
+        self.affected = Some(role);
         role
     }
 
     /// Acts on a board.
     pub fn board(&mut self, role: Role, act: impl FnOnce(&mut Board)) {
-        self.struck.get_or_insert(role);
+        self.affected.get_or_insert(role);
         if let Some(place) = self.robot.place(role)
             && let Some(board) = self.robot.network.board(place)
         {
@@ -124,7 +124,7 @@ impl Bench {
 
     /// Acts on the parts of an axle.
     pub fn axle(&mut self, role: Role, act: impl FnOnce(&mut AxleBoard, Time)) {
-        self.struck.get_or_insert(role);
+        self.affected.get_or_insert(role);
         let now = self.now();
         if let Some(axle) = self.robot.axle(role) {
             act(axle, now);
@@ -139,7 +139,7 @@ impl Bench {
 
     /// Acts on the parts of the beam.
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
-        self.struck.get_or_insert(Role::beam(0));
+        self.affected.get_or_insert(Role::beam(0));
         let now = self.now();
         if let Some(beam) = self.robot.beam(FrameId(0)) {
             act(beam, now);
@@ -156,7 +156,7 @@ impl Bench {
     pub fn intruder(&mut self, act: impl FnOnce(&mut VirtualNode, Time)) {
         let now = self.now();
         self.wire(Fault::Piece {
-            node: self.other(),
+            node: self.extra_node(),
             piece: 0,
         });
         if let Some(node) = self.robot.network.others().first_mut() {
@@ -165,18 +165,18 @@ impl Bench {
     }
 
     /// Sets whether a board's transceiver sends and receives.
-    pub fn transceiver(&mut self, role: Role, sends: bool, hears: bool) {
-        self.struck.get_or_insert(role);
+    pub fn transceiver(&mut self, role: Role, transmit_enabled: bool, receive_enabled: bool) {
+        self.affected.get_or_insert(role);
         self.wire(Fault::Transceiver {
             node: self.robot.topology.place(role),
-            sends,
-            hears,
+            transmit_enabled,
+            receive_enabled,
         });
     }
 
     /// Connects a board to a piece of the cut bus wire.
     pub fn piece(&mut self, role: Role, piece: u8) {
-        self.struck.get_or_insert(role);
+        self.affected.get_or_insert(role);
         self.wire(Fault::Piece {
             node: self.robot.topology.place(role),
             piece,

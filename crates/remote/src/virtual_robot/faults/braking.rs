@@ -1,8 +1,8 @@
 //! Emergency stops on the level and on a slope: braking distance, and the drivers' state until the robot is at rest.
 
 use super::Campaign;
-use super::bench::Bench;
-use super::entry::{Alone, Entry, entries};
+use super::bench::FaultBench;
+use super::entry::{BoardTrial, Entry, entries};
 use crate::virtual_robot::Options;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -12,7 +12,7 @@ const DRIVE_MS: u64 = 1_600;
 /// Time from the press of the button to the removal of the chock, ms.
 const CHOCK_MS: u64 = 150;
 /// Time of observation after the stop, ms.
-const WATCH_MS: u64 = 3_000;
+const OBSERVATION_MS: u64 = 3_000;
 /// Least speed before the stop, m/s.
 const DRIVEN_M_S: f64 = 0.1;
 /// Speed of a robot at rest, m/s; from this speed it moves 2 mm further.
@@ -38,23 +38,23 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         world.sensors.gyro.fitted,
         world.sensors.accelerometer.fitted,
     ) = (false, false);
-    let mut bench = Bench::new(&campaign, Options::default(), seed)?;
+    let mut bench = FaultBench::new(&campaign, Options::default(), seed)?;
     // A chock holds the robot until its motors do: sleeping drivers would let it roll.
     bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();
-    bench.pass(CHOCK_MS);
+    bench.run_for(CHOCK_MS);
     bench.robot.blocked = None;
-    bench.pass(DRIVE_MS);
+    bench.run_for(DRIVE_MS);
     let robot = bench.robot.topology;
-    let mut seen = Vec::new();
-    for ms in 0..=WATCH_MS {
+    let mut samples = Vec::new();
+    for ms in 0..=OBSERVATION_MS {
         if ms == 1 {
             for role in robot.axles().map(Role::Axle) {
                 bench.axle(role, |axle, now| axle.stop(true, now));
             }
         }
-        bench.pass(1);
+        bench.run_for(1);
         let axles = bench.robot.plant.axles();
         let sum: f64 = axles.iter().map(|axle| axle.velocity[0]).sum();
         let speed = sum.abs() / axles.len() as f64;
@@ -62,18 +62,18 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         for role in robot.axles().map(Role::Axle) {
             bench.axle(role, |axle, _| awake &= axle.is_awake());
         }
-        seen.push((speed, awake));
+        samples.push((speed, awake));
     }
-    Ok(seen)
+    Ok(samples)
 }
 
 /// First violated limit.
 fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
-    let seen = speeds(campaign, seed, 0.0)?;
-    let rest = seen.iter().rposition(|(speed, _)| *speed > REST_M_S);
+    let samples = speeds(campaign, seed, 0.0)?;
+    let rest = samples.iter().rposition(|(speed, _)| *speed > REST_M_S);
     let rest = rest.map_or(0, |last| last as u64 + 1);
-    let asleep = seen.last().is_some_and(|(_, awake)| !awake);
-    let before = seen.first().map_or(0.0, |(speed, _)| *speed);
+    let asleep = samples.last().is_some_and(|(_, awake)| !awake);
+    let before = samples.first().map_or(0.0, |(speed, _)| *speed);
     Ok(if before < DRIVEN_M_S {
         Err(format!(
             "{before:.3} m/s before the stop: must be at least {DRIVEN_M_S} m/s"
@@ -91,8 +91,8 @@ fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>,
 
 /// First violated limit.
 fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
-    let seen = speeds(campaign, seed, SLOPE_DEG)?;
-    for (ms, (speed, awake)) in seen.iter().enumerate() {
+    let samples = speeds(campaign, seed, SLOPE_DEG)?;
+    for (ms, (speed, awake)) in samples.iter().enumerate() {
         if ms as u64 >= CREEP_AFTER_MS && *speed > CREEP_M_S {
             return Ok(Err(format!(
                 "{speed:.3} m/s {ms} ms after the stop: must be at most {CREEP_M_S} m/s"
@@ -104,7 +104,7 @@ fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, E
             )));
         }
     }
-    let last = seen.last().map_or(0.0, |(speed, _)| *speed);
+    let last = samples.last().map_or(0.0, |(speed, _)| *speed);
     Ok(match last > CREEP_AT_LEAST_M_S {
         true => Ok(1),
         false => Err(format!(
@@ -114,10 +114,10 @@ fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, E
 }
 
 pub fn entries() -> Vec<Entry> {
-    const LEVEL: Alone = on_the_level;
-    const SLOPE: Alone = on_a_slope;
+    const LEVEL: BoardTrial = on_the_level;
+    const SLOPE: BoardTrial = on_a_slope;
     entries! {
-        "emergency stop on the level: at rest within 0.5 s", "contact", alone(LEVEL);
-        "emergency stop on a slope of 5°: braked to 0.1 m/s", "contact", alone(SLOPE);
+        "emergency stop on the level: at rest within 0.5 s", "contact", board_trial(LEVEL);
+        "emergency stop on a slope of 5°: braked to 0.1 m/s", "contact", board_trial(SLOPE);
     }
 }

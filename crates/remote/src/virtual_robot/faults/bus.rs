@@ -1,6 +1,6 @@
 //! Faults of the bus, and clocks with frequency errors.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
@@ -15,7 +15,7 @@ fn frame(id: u16) -> Frame {
 }
 
 /// Sets whether the transceiver of the affected board sends and receives.
-fn transceiver(bench: &mut Bench, sends: bool, hears: bool) {
+fn transceiver(bench: &mut FaultBench, sends: bool, hears: bool) {
     let role = bench.wheel().0;
     bench.transceiver(role, sends, hears);
 }

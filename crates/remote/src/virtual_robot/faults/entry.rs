@@ -1,7 +1,7 @@
 //! Entry of the catalogue: fault, run and permitted outcomes.
 
 use super::Campaign;
-use super::bench::Bench;
+use super::bench::FaultBench;
 use crate::virtual_robot::Options;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
@@ -29,35 +29,35 @@ macro_rules! entries {
 pub(super) use entries;
 
 /// Action on the robot.
-pub type Act = fn(&mut Bench);
+pub type Act = fn(&mut FaultBench);
 
 /// An act at `after_ms` after the start of the fault.
 #[derive(Clone, Copy, Debug)]
-pub struct Step {
+pub struct TimedAct {
     pub after_ms: u64,
     pub act: Act,
 }
 
 /// Act at `after_ms`.
-pub const fn at(after_ms: u64, act: Act) -> Step {
-    Step { after_ms, act }
+pub const fn at(after_ms: u64, act: Act) -> TimedAct {
+    TimedAct { after_ms, act }
 }
 
 /// Trial of a single board: number of cases, or description of the failure.
-pub type Alone = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
+pub type BoardTrial = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
 
 /// Check of the robot at the end of a run; returns a description of the problem.
-pub type Check = fn(&mut Bench) -> Option<String>;
+pub type Check = fn(&mut FaultBench) -> Option<String>;
 
 /// Kind of run.
 #[derive(Clone, Debug)]
-pub enum Course {
+pub enum RunKind {
     /// The robot drives; then these acts follow.
-    Drive(Vec<Step>),
+    Drive(Vec<TimedAct>),
     /// Acts from power-on. The button is pressed once all nodes are ready, or after the time allowed for that.
-    Start(Vec<Step>),
+    Start(Vec<TimedAct>),
     /// Trial of a single board.
-    Alone(Alone),
+    BoardTrial(BoardTrial),
     /// The robot drives to its goal with its boards in this process and this fault of samples, frames or plant.
     Model(Fault),
 }
@@ -70,7 +70,7 @@ pub struct Entry {
     /// Component or signal at which the fault occurs.
     pub seam: &'static str,
     /// Kind of run with its acts.
-    pub course: Course,
+    pub kind: RunKind,
     /// True if the robot may continue.
     pub goes_on: bool,
     /// Condition codes permitted as the first reason of a stop; empty if the robot may not stop.
@@ -108,11 +108,11 @@ pub struct Entry {
 pub const STOP_S: f64 = 2.2;
 
 impl Entry {
-    fn new(name: &'static str, seam: &'static str, course: Course) -> Self {
+    fn new(name: &'static str, seam: &'static str, kind: RunKind) -> Self {
         Self {
             name,
             seam,
-            course,
+            kind,
             goes_on: false,
             codes: Vec::new(),
             off_within_s: STOP_S,
@@ -147,28 +147,28 @@ impl Entry {
     }
 
     /// Several acts; the first occurs while the robot drives.
-    pub fn steps(name: &'static str, seam: &'static str, steps: &[Step]) -> Self {
-        Self::new(name, seam, Course::Drive(steps.to_vec()))
+    pub fn steps(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
+        Self::new(name, seam, RunKind::Drive(steps.to_vec()))
     }
 
     /// Acts from power-on.
-    pub fn start(name: &'static str, seam: &'static str, steps: &[Step]) -> Self {
-        Self::new(name, seam, Course::Start(steps.to_vec()))
+    pub fn start(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
+        Self::new(name, seam, RunKind::Start(steps.to_vec()))
     }
 
     /// Trial of a single board.
-    pub fn alone(name: &'static str, seam: &'static str, trial: Alone) -> Self {
-        Self::new(name, seam, Course::Alone(trial)).goes_on()
+    pub fn board_trial(name: &'static str, seam: &'static str, trial: BoardTrial) -> Self {
+        Self::new(name, seam, RunKind::BoardTrial(trial)).goes_on()
     }
 
     /// Fault of samples, frames or plant of a robot with its boards in this process.
     pub fn model(name: &'static str, seam: &'static str, fault: Fault) -> Self {
-        Self::new(name, seam, Course::Model(fault))
+        Self::new(name, seam, RunKind::Model(fault))
     }
 
     /// True if the run needs the images of the boards.
     pub fn needs_images(&self) -> bool {
-        !matches!(self.course, Course::Model(_))
+        !matches!(self.kind, RunKind::Model(_))
     }
 
     /// Permits the robot to continue.

@@ -7,14 +7,14 @@
 //! | `entry` | entry of the catalogue: fault, run, permitted outcomes |
 //! | `model` | faults of samples, frames and plant, and their runs |
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
-//! | `alone` | trials of a single board: power cuts, brown-outs, damaged flash |
+//! | `board_trials` | trials of a single board: power cuts, brown-outs, damaged flash |
 //! | `braking` | emergency stops until the robot is at rest |
 //! | `outcome` | case and outcome of a run |
-//! | `under_way` | robots at the time of the fault, shared by runs |
+//! | `shared_robots` | robots at the time of the fault, shared by runs |
 //! | `run` | run on virtual boards and its verdict |
 
-mod alone;
 mod bench;
+mod board_trials;
 mod braking;
 mod bus;
 mod entry;
@@ -26,14 +26,14 @@ mod power;
 mod program;
 mod run;
 mod sensors;
+mod shared_robots;
 mod starts;
-mod under_way;
 
 pub use bus::SILENCE;
-pub use entry::{Course, Entry};
-pub use outcome::{Case, End, Outcome};
+pub use entry::{Entry, RunKind};
+pub use outcome::{End, FaultCase, Outcome};
 pub use run::{Reference, reference, run};
-pub use under_way::UnderWay;
+pub use shared_robots::SharedRobots;
 
 use crate::virtual_robot::Images;
 use host_sim::base::error::Error;

@@ -2,7 +2,7 @@
 
 use super::Campaign;
 use super::entry::{Entry, entries};
-use super::outcome::{Case, End, Outcome, stopped_wrongly};
+use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::sensors::WHEELS;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
@@ -13,7 +13,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Role, Side};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusConfig;
-use host_sim::run::drive::{Errand, Progress, drive};
+use host_sim::run::drive::{DriveTask, Progress, drive};
 use host_sim::run::robot::{Record, Robot as _};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
@@ -52,7 +52,7 @@ const SLOW_S: f64 = 20.0;
 /// half of it), steering angle |ψ| (rad), force of the frame (N).
 pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
 /// Longest time beyond [`BOUNDS`], ticks.
-const MOMENT: u32 = 300;
+const MAX_BEYOND_TICKS: u32 = 300;
 /// Largest goal error of a finished task: position (m) and heading (rad).
 pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];
 /// Speed of a robot at rest, m/s.
@@ -60,9 +60,9 @@ const REST_M_S: f64 = 0.02;
 /// Speed above which a stopped robot counts as driven again, m/s.
 const SWING_M_S: f64 = 0.1;
 /// Time at rest with motors off that counts as stopped, ticks.
-const REST: u32 = 100;
+const REST_TICKS: u32 = 100;
 /// Time for which a stopped robot is observed, µs.
-const WATCH: Micros = 1_000_000;
+const STOP_OBSERVATION_US: Micros = 1_000_000;
 
 pub(super) fn entries() -> Vec<Entry> {
     [frames(), samples(), plant()].concat()
@@ -123,19 +123,19 @@ fn plant() -> Vec<Entry> {
 }
 
 /// First tick of the fault.
-pub fn tick(scenario: &Scenario, case: &Case) -> u32 {
+pub fn tick(scenario: &Scenario, case: &FaultCase) -> u32 {
     (scenario.mission.settle_s * 1e3) as u32 + case.after_ms as u32
 }
 
 /// Runs the robot to the scenario's goal with a fault.
-pub(super) fn run(campaign: &Campaign, case: &Case, fault: Fault) -> Result<Outcome, Error> {
+pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result<Outcome, Error> {
     let mut simulation = Simulation::new(&campaign.scenario, case.seed, 0)?;
     simulation.inject(fault, tick(&campaign.scenario, case));
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
 /// State of a run.
-struct Watch {
+struct FaultObserver {
     goal: Posture,
     /// Time of the fault, µs.
     from: Micros,
@@ -146,14 +146,14 @@ struct Watch {
     /// Time of the stop, µs.
     stopped: Option<Micros>,
     /// Failure, in words.
-    wrong: Option<String>,
+    violation: Option<String>,
 }
 
-impl Watch {
-    /// Description of a bound exceeded for longer than [`MOMENT`], if any.
+impl FaultObserver {
+    /// Description of a bound exceeded for longer than [`MAX_BEYOND_TICKS`], if any.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
         let force = simulation.plant().wrench(0).force;
-        let seen = [
+        let values = [
             simulation.speed(),
             simulation.steering().abs(),
             libm::hypot(force[0], force[1]),
@@ -161,18 +161,18 @@ impl Watch {
         let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {
             // NaN is beyond every bound.
-            let within = seen[i] <= BOUNDS[i];
+            let within = values[i] <= BOUNDS[i];
             *beyond = if within { 0 } else { *beyond + 1 };
-            if *beyond > MOMENT {
+            if *beyond > MAX_BEYOND_TICKS {
                 let what = ["speed", "steering", "force"][i];
-                exceeded = Some(format!("{what} of {:.2}, beyond {}", seen[i], BOUNDS[i]));
+                exceeded = Some(format!("{what} of {:.2}, beyond {}", values[i], BOUNDS[i]));
             }
         }
         exceeded
     }
 }
 
-impl Errand<Simulation> for Watch {
+impl DriveTask<Simulation> for FaultObserver {
     fn task(&self) -> Option<Task> {
         Some(Task::regulate(self.goal))
     }
@@ -186,7 +186,7 @@ impl Errand<Simulation> for Watch {
         if now < self.from {
             return Progress::Driving;
         }
-        self.wrong = self.exceeded(simulation);
+        self.violation = self.exceeded(simulation);
         let (speed, off) = (
             simulation.speed(),
             simulation.torque().iter().all(|torque| *torque == [0.0; 2]),
@@ -196,15 +196,15 @@ impl Errand<Simulation> for Watch {
         match self.stopped {
             // The frame may swing a little when the motors switch off.
             Some(_) if !off || !(speed < SWING_M_S) => {
-                self.wrong = Some("drives again after its stop".to_owned());
+                self.violation = Some("drives again after its stop".to_owned());
             }
-            Some(since) if now - since >= WATCH => return Progress::Over,
-            None if faulted && self.rest >= REST => {
+            Some(since) if now - since >= STOP_OBSERVATION_US => return Progress::Over,
+            None if faulted && self.rest >= REST_TICKS => {
                 self.stopped = Some(now - Micros::from(self.rest) * TICK);
             }
             _ => {}
         }
-        match self.wrong {
+        match self.violation {
             Some(_) => Progress::Over,
             None => Progress::Driving,
         }
@@ -223,32 +223,32 @@ impl Errand<Simulation> for Watch {
 pub fn run_on(
     simulation: &mut Simulation,
     scenario: &Scenario,
-    case: &Case,
+    case: &FaultCase,
 ) -> Result<Outcome, Error> {
     let mission = &scenario.mission;
-    let mut watch = Watch {
+    let mut observer = FaultObserver {
         goal: Posture::from(mission.goal.map(|v| v as f32)),
         from: Micros::from(tick(scenario, case)) * TICK,
         beyond: [0; 3],
         rest: 0,
         stopped: None,
-        wrong: None,
+        violation: None,
     };
-    let done = drive(simulation, scenario, mission.time_limit_s, &mut watch)?.is_success();
+    let done = drive(simulation, scenario, mission.time_limit_s, &mut observer)?.is_success();
     let first = simulation.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
-    let since = |at: Micros| at.saturating_sub(watch.from) as f64 * 1e-6;
-    let off_s = watch.stopped.map(since);
-    let wrong = watch.wrong.or_else(|| match off_s {
-        Some(off_s) => stopped_wrongly(case.entry, reason, off_s, None),
-        None if done => missed(simulation, scenario, case.entry),
+    let since = |at: Micros| at.saturating_sub(observer.from) as f64 * 1e-6;
+    let off_s = observer.stopped.map(since);
+    let violation = observer.violation.or_else(|| match off_s {
+        Some(off_s) => stop_violation(case.entry, reason, off_s, None),
+        None if done => goal_missed(simulation, scenario, case.entry),
         None => Some("neither done nor stopped".to_owned()),
     });
     let end = if done { End::WentOn } else { End::Stopped };
     Ok(Outcome {
         seed: case.seed,
         after_ms: case.after_ms,
-        end: wrong.map_or(end, End::Wrong),
+        end: violation.map_or(end, End::Wrong),
         reason,
         off_s,
         own_off_s: None,
@@ -257,7 +257,7 @@ pub fn run_on(
 }
 
 /// Description of a finished task's true goal error if it exceeds both [`TOLERANCE`] and the robot's 95 % error.
-fn missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
+fn goal_missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
     if !entry.goes_on {
         return Some("finished in spite of the fault".to_owned());
     }

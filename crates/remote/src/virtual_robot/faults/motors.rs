@@ -1,6 +1,6 @@
 //! Faults of drivers, motors and current sensing.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
 use virtual_board::Time;
@@ -26,27 +26,27 @@ const NOTICED: &[Condition] = &[DriverFault];
 /// the millisecond that a driver takes to fall asleep.
 const CUT_S: f64 = 0.02;
 
-fn driver_fault(bench: &mut Bench, after_us: u64, span_us: u64) {
+fn driver_fault(bench: &mut FaultBench, after_us: u64, span_us: u64) {
     bench.at_wheel(|axle, side, now| {
         let from = now + Time::from_micros(after_us);
         axle.force_fault(side, from, from + Time::from_micros(span_us));
     });
 }
 
-fn sense(bench: &mut Bench, fault: AmplifierFault) {
+fn sense(bench: &mut FaultBench, fault: AmplifierFault) {
     bench.at_wheel(|axle, side, _| axle.amplifiers[side].set_fault(fault));
 }
 
-fn stuck(bench: &mut Bench, half: Half, upper: bool) {
+fn stuck(bench: &mut FaultBench, half: Half, upper: bool) {
     bench.at_wheel(|axle, side, now| axle.drivers[side].set_stuck(half, Some(upper), now));
 }
 
 /// Checks that the LED of the affected board blinks the code of the emergency stop, 0x80.
-fn blinks_code(bench: &mut Bench) -> Option<String> {
+fn blinks_code(bench: &mut FaultBench) -> Option<String> {
     let from = bench.now();
-    bench.pass(10_000);
+    bench.run_for(10_000);
     let mut digits = Vec::new();
-    bench.axle(bench.struck?, |axle, _| {
+    bench.axle(bench.affected?, |axle, _| {
         let edges: Vec<f64> = axle.led.iter().map(|at| at.seconds()).collect();
         // The LED is lit from each even edge to the next.
         for lit in edges.chunks_exact(2).filter(|lit| lit[0] > from.seconds()) {

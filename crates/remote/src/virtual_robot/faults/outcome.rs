@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 
 /// One case of the campaign: a fault, its time and a seed.
 #[derive(Clone, Copy, Debug)]
-pub struct Case<'a> {
+pub struct FaultCase<'a> {
     /// The fault.
     pub entry: &'a Entry,
     /// Time of the fault after the button was pressed or the task was given, ms.
@@ -53,7 +53,7 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
 
 /// Description of what is wrong with a stop for this reason after `off_s`; `own_off_s` is the time of the affected
 /// axle.
-pub(super) fn stopped_wrongly(
+pub(super) fn stop_violation(
     entry: &Entry,
     reason: Option<Condition>,
     off_s: f64,

@@ -1,6 +1,6 @@
 //! Faults of supplies and crystals.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{ALL, AXLES, BEAM, Entry, STOP_S, at, entries};
 use super::program::by_the_program;
 use core_algos::safety::Condition::{self, *};
@@ -21,17 +21,17 @@ const FAILED: &[Condition] = &[
 ];
 
 /// Board of the affected wheel.
-pub fn struck(bench: &mut Bench) -> Role {
+pub fn wheel_board(bench: &mut FaultBench) -> Role {
     bench.wheel().0
 }
 
 /// Beam board.
-pub fn beam(_: &mut Bench) -> Role {
+pub fn beam(_: &mut FaultBench) -> Role {
     Role::beam(0)
 }
 
 /// Sets the battery's open-circuit voltage from now on.
-fn battery(bench: &mut Bench, volts: f64) {
+fn battery(bench: &mut FaultBench, volts: f64) {
     let robot = bench.robot.topology;
     for role in robot.axles().map(Role::Axle) {
         bench.axle(role, |axle, _| {
@@ -41,7 +41,7 @@ fn battery(bench: &mut Bench, volts: f64) {
 }
 
 /// Lowers the 3.3 V rail of a board to `volts` for `span_us`.
-fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u64) {
+fn dip(bench: &mut FaultBench, which: fn(&mut FaultBench) -> Role, volts: f64, span_us: u64) {
     let role = which(bench);
     let span = Time::from_micros(span_us);
     match role {
@@ -51,14 +51,14 @@ fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u6
 }
 
 /// Starts or stops the crystal of a board.
-pub fn crystal(bench: &mut Bench, which: fn(&mut Bench) -> Role, works: bool) {
+pub fn crystal(bench: &mut FaultBench, which: fn(&mut FaultBench) -> Role, works: bool) {
     match which(bench) {
         Role::Beam(_) => bench.beam(|beam, now| beam.power.crystal(now, works)),
         role => bench.axle(role, |axle, now| axle.power.crystal(now, works)),
     }
 }
 
-fn power(bench: &mut Bench, which: fn(&mut Bench) -> Role, on: bool) {
+fn power(bench: &mut FaultBench, which: fn(&mut FaultBench) -> Role, on: bool) {
     let role = which(bench);
     bench.board(role, |board| board.power(on));
 }
@@ -70,10 +70,10 @@ pub fn entries() -> Vec<Entry> {
 fn crystals() -> Vec<Entry> {
     entries! {
         "crystal of an axle's board fails", "crystal", steps(&[
-            at(0, |b| crystal(b, struck, false)),
-            at(300, |b| crystal(b, struck, true)),
+            at(0, |b| crystal(b, wheel_board, false)),
+            at(300, |b| crystal(b, wheel_board, true)),
         ]).stops(FAILED).own_within(0.003).restarts().finds(&["reset", "overrun"]);
-        "crystal of an axle's board fails for good", "crystal", drive(|b| crystal(b, struck, false))
+        "crystal of an axle's board fails for good", "crystal", drive(|b| crystal(b, wheel_board, false))
             .stops(FAILED).own_within(0.003).resets(ALL).finds(&["reset", "overrun"]);
         "crystal of the beam's board fails", "crystal", drive(|b| { crystal(b, beam, false) })
             .goes_on().resets(BEAM).finds(&["reset", "overrun"]);
@@ -92,16 +92,16 @@ fn batteries() -> Vec<Entry> {
 
 fn rails() -> Vec<Entry> {
     entries! {
-        "rail of an axle's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.4, 500) })
+        "rail of an axle's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, wheel_board, 2.4, 500) })
             .stops(FAILED).own_within(0.001).restarts().check(by_the_program).finds(&["reset"]);
-        "the same, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, struck, 2.4, 500) })
+        "the same, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, wheel_board, 2.4, 500) })
             .vary(|_, chip| chip.brown_out = 0).stops(FAILED).own_within(0.001).resets(AXLES);
         "rail of the beam's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
             .goes_on().restarts().check(by_the_program).finds(&["reset"]);
-        "rail at 2.95 V for 5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.95, 5000) }).goes_on();
+        "rail at 2.95 V for 5 ms", "3.3 V", drive(|b| { dip(b, wheel_board, 2.95, 5000) }).goes_on();
         "an axle's board without power for 0.2 s", "board's supply", steps(&[
-            at(0, |b| power(b, struck, false)),
-            at(200, |b| power(b, struck, true)),
+            at(0, |b| power(b, wheel_board, false)),
+            at(200, |b| power(b, wheel_board, true)),
         ]).stops(GONE).own_within(0.001);
         "the beam's board without power for 0.2 s", "board's supply", steps(&[
             at(0, |b| power(b, beam, false)),

@@ -1,6 +1,6 @@
 //! Faults of the program and external disturbances: debuggers, log readers, button and strap, wild stores.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
@@ -25,7 +25,7 @@ const TICK: u16 = 16 + 52;
 /// Start of the RAM, the unused end of the stack, which holds the code of a wild store.
 const RAM: u32 = 0x2000_0000;
 /// Address without memory.
-const NOTHING: u32 = 0x3000_0000;
+const UNMAPPED: u32 = 0x3000_0000;
 /// Findings of a processor fault: the fault itself, frames lost during the wait for the reset, the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
 /// Findings of a processor fault at the guard below the stack.
@@ -36,13 +36,13 @@ const AT_ONCE_S: f64 = 1e-3;
 /// Longest time to the last PWM pulse of a board whose current loop hangs, s: the timeout of the window watchdog.
 pub const WATCHDOG_S: f64 = 0.01;
 
-fn hold(bench: &mut Bench, held: bool) {
+fn hold(bench: &mut FaultBench, held: bool) {
     let role = bench.wheel().0;
     bench.board(role, |board| board.hold(held));
 }
 
 /// Checks, 1 ms after the core was halted, that the motors have been off for 0.9 ms.
-fn without_pulses(bench: &mut Bench) {
+fn without_pulses(bench: &mut FaultBench) {
     let role = bench.wheel().0;
     let mut pulses = false;
     bench.axle(role, |axle, now| {
@@ -50,20 +50,20 @@ fn without_pulses(bench: &mut Bench) {
         pulses = axle.drivers.iter().any(|d| d.is_enabled() || recent(d));
     });
     if pulses {
-        bench.wrong = Some("pulses while the core was halted".to_owned());
+        bench.violation = Some("pulses while the core was halted".to_owned());
     }
 }
 
 /// Checks that only software has reset the affected board, so that the fault is counted once.
-pub fn by_the_program(bench: &mut Bench) -> Option<String> {
-    let struck = bench.robot.topology.name(bench.struck?);
+pub fn by_the_program(bench: &mut FaultBench) -> Option<String> {
+    let affected = bench.robot.topology.name(bench.affected?);
     let reports = bench.robot.reports();
-    let report = reports.iter().find(|report| report.name == struck)?;
+    let report = reports.iter().find(|report| report.name == affected)?;
     let other = report.resets.iter().find(|(_, cause)| *cause != "software");
     other.map(|(time_s, cause)| format!("reset by {cause} at {time_s:.3} s"))
 }
 
-fn hold_beam(bench: &mut Bench, held: bool) {
+fn hold_beam(bench: &mut FaultBench, held: bool) {
     bench.board(Role::beam(0), |board| board.hold(held));
 }
 
@@ -92,7 +92,7 @@ fn store_to(board: &mut Board, address: u32) {
 }
 
 /// Makes an axle board store to an address, in this exception if given.
-fn wild_store(bench: &mut Bench, exception: Option<u16>, address: u32) {
+fn wild_store(bench: &mut FaultBench, exception: Option<u16>, address: u32) {
     let role = bench.wheel().0;
     bench.board(role, |board| {
         if let Some(exception) = exception {
@@ -131,7 +131,7 @@ fn tools() -> Vec<Entry> {
 }
 
 /// Presses the button from `from_us` for `span_us`, with contact bounce.
-fn press(bench: &mut Bench, from_us: u64, span_us: u64) {
+fn press(bench: &mut FaultBench, from_us: u64, span_us: u64) {
     bench.axle(Role::LEAD, |axle, now| {
         axle.press(true, now + Time::from_micros(from_us));
         axle.press(false, now + Time::from_micros(from_us + span_us));
@@ -159,7 +159,7 @@ fn faults() -> Vec<Entry> {
 
 fn crashes() -> Vec<Entry> {
     entries! {
-        "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
+        "wild store to nowhere", "program", drive(|b| { wild_store(b, None, UNMAPPED); })
             .stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "wild store below the stack", "program", drive(|b| {
             let role = b.wheel().0;
@@ -180,13 +180,13 @@ fn crashes() -> Vec<Entry> {
             let role = b.wheel().0;
             b.board(role, |board| {
                 run_into(board, ADC);
-                board.core_mut().set_register(15, NOTHING);
+                board.core_mut().set_register(15, UNMAPPED);
             });
         }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "HardFault of the beam's board", "program", drive(|b| {
             b.board(Role::beam(0), |board| {
                 run_into(board, TICK);
-                board.core_mut().set_register(15, NOTHING);
+                board.core_mut().set_register(15, UNMAPPED);
             });
         }).goes_on().restarts().check(by_the_program).finds(CRASH);
     }

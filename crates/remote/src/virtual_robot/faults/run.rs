@@ -1,11 +1,11 @@
 //! Run with a fault, and its verdict.
 
 use super::Campaign;
-use super::bench::Bench;
-use super::entry::{Course, Entry, Step};
+use super::bench::FaultBench;
+use super::entry::{Entry, RunKind, TimedAct};
 use super::model;
-use super::outcome::{Case, End, Outcome, stopped_wrongly};
-use super::under_way::{UnderWay, kept};
+use super::outcome::{End, FaultCase, Outcome, stop_violation};
+use super::shared_robots::{SharedRobots, stores};
 use crate::virtual_robot::Options;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
@@ -18,13 +18,13 @@ use virtual_board::wire::ErrorKind;
 /// Current above which a motor counts as driven, A; it gives 25 mN m at the wheel.
 const CURRENT_A: f64 = 0.05;
 /// Time for which a continuing robot is observed, ms.
-const WATCH_MS: u64 = 1_000;
+const OBSERVATION_MS: u64 = 1_000;
 /// Largest distance of a continuing robot from its position in the undisturbed run, m.
-const AWAY_M: f64 = 0.02;
+const MAX_DEVIATION_M: f64 = 0.02;
 /// Time within which all nodes must be ready after the last act, ms.
 const READY_MS: u64 = 1_500;
 /// Time for which all nodes must stay ready, ms.
-const STAYS_MS: u64 = 100;
+const READY_HOLD_MS: u64 = 100;
 /// Time that a started robot drives, ms.
 const DRIVE_MS: u64 = 400;
 /// Postures of the robot without a fault, by ms since the press of the button.
@@ -32,10 +32,10 @@ pub type Reference = Vec<[f64; 3]>;
 
 /// Postures of an undisturbed run, long enough for every case.
 pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
-    let mut bench = Bench::new(campaign, Options::default(), seed)?;
+    let mut bench = FaultBench::new(campaign, Options::default(), seed)?;
     bench.robot.boot(&Options::default())?;
     bench.press();
-    let ticks = longest_ms + WATCH_MS + 1_000;
+    let ticks = longest_ms + OBSERVATION_MS + 1_000;
     Ok((0..ticks)
         .map(|_| {
             bench.robot.advance();
@@ -47,12 +47,12 @@ pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Refe
 /// Runs a case; `robots` are the shared robots of all cases.
 pub fn run(
     campaign: &Campaign,
-    case: &Case,
+    case: &FaultCase,
     reference: &Reference,
-    robots: &UnderWay,
+    robots: &SharedRobots,
 ) -> Result<Outcome, Error> {
-    match &case.entry.course {
-        Course::Alone(trial) => {
+    match &case.entry.kind {
+        RunKind::BoardTrial(trial) => {
             let (end, cases) = match trial(campaign, case.seed)? {
                 Ok(cases) => (End::WentOn, cases),
                 Err(why) => (End::Wrong(why), 1),
@@ -67,18 +67,18 @@ pub fn run(
                 cases,
             })
         }
-        Course::Drive(steps) => {
+        RunKind::Drive(steps) => {
             let (mut bench, before) = robots.get(campaign, case)?;
-            let seen = watch(&mut bench, case.entry, steps);
-            Ok(judge(bench, case, seen, reference, &before))
+            let observed = run_until_clear(&mut bench, case.entry, steps);
+            Ok(outcome_of(bench, case, observed, reference, &before))
         }
-        Course::Start(steps) => start(campaign, case, steps),
-        Course::Model(fault) => model::run(campaign, case, fault.clone()),
+        RunKind::Start(steps) => start(campaign, case, steps),
+        RunKind::Model(fault) => model::run(campaign, case, fault.clone()),
     }
 }
 
 #[derive(Clone, Debug)]
-struct Seen {
+struct MotorObservation {
     /// Start of the fault.
     from: Time,
     /// For each axle, last time at which one of its motors carried current.
@@ -88,9 +88,9 @@ struct Seen {
 }
 
 /// Runs until the effects of the fault are clear.
-fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
+fn run_until_clear(bench: &mut FaultBench, entry: &Entry, steps: &[TimedAct]) -> MotorObservation {
     let from = bench.now();
-    let mut seen = Seen {
+    let mut observed = MotorObservation {
         from,
         last: bench.robot.topology.axles().map(|_| from).collect(),
         driven: true,
@@ -101,10 +101,10 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
         for step in steps.iter().filter(|step| step.after_ms == elapsed) {
             (step.act)(bench);
         }
-        bench.pass(1);
+        bench.run_for(1);
         let now = bench.now();
         let axles = bench.robot.topology.axles();
-        for (axle, last) in axles.zip(&mut seen.last) {
+        for (axle, last) in axles.zip(&mut observed.last) {
             if let Some(axle) = bench.robot.axle(Role::Axle(axle))
                 && axle
                     .driven_currents(now)
@@ -118,22 +118,22 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
             continue;
         }
         let rest = Time::from_micros(1000 * entry.rest_ms);
-        seen.driven = seen.last.iter().any(|last| now - *last < rest);
-        let told = !entry.restarts || has_restarted(bench);
+        observed.driven = observed.last.iter().any(|last| now - *last < rest);
+        let restarted = !entry.restarts || has_restarted(bench);
         let faulty = stopped(bench).is_some();
         let since = elapsed - longest;
-        let off = !seen.driven && since >= entry.rest_ms;
-        let on = seen.driven && !faulty && since >= WATCH_MS && entry.goes_on;
-        if told && (off || on) {
+        let off = !observed.driven && since >= entry.rest_ms;
+        let on = observed.driven && !faulty && since >= OBSERVATION_MS && entry.goes_on;
+        if restarted && (off || on) {
             break;
         }
     }
-    seen
+    observed
 }
 
 /// First reason for which the lead node or an axle stopped; the beam is left out, because the robot continues without
 /// it.
-fn stopped(bench: &Bench) -> Option<Condition> {
+fn stopped(bench: &FaultBench) -> Option<Condition> {
     let changes = bench.robot.monitor().changes().iter();
     let mut stops = changes.filter(|status| {
         let stopped = matches!(
@@ -154,21 +154,21 @@ pub fn node(role: Role) -> Node {
 }
 
 /// True if the affected board was reset and reports *restarted*.
-fn has_restarted(bench: &mut Bench) -> bool {
-    let Some(role) = bench.struck else {
+fn has_restarted(bench: &mut FaultBench) -> bool {
+    let Some(role) = bench.affected else {
         return false;
     };
-    let told = bench.robot.monitor().latest(node(role)).copied();
-    told.is_some_and(|status| status.reason == Some(Condition::Restarted))
+    let latest = bench.robot.monitor().latest(node(role)).copied();
+    latest.is_some_and(|status| status.reason == Some(Condition::Restarted))
 }
 
 /// First violation in a run that is independent of its end: reset, finding, changed parameters, missing notice.
-fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
+fn violation(bench: &mut FaultBench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     let reports = bench.robot.reports();
     for (role, report) in bench.robot.roles.iter().copied().zip(reports) {
         let name = report.name;
-        let is_struck = bench.struck == Some(role);
-        if entry.must_reset && is_struck && report.resets.is_empty() {
+        let is_affected = bench.affected == Some(role);
+        if entry.must_reset && is_affected && report.resets.is_empty() {
             return Some(format!("{name} board not reset"));
         }
         let may_reset = (entry.resets)(role);
@@ -187,11 +187,11 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
             ));
         }
     }
-    if kept(bench) != before {
+    if stores(bench) != before {
         return Some("parameters in the flash have changed".to_owned());
     }
     if let Some(condition) = entry.notice {
-        let role = bench.struck.unwrap_or(Role::LEAD);
+        let role = bench.affected.unwrap_or(Role::LEAD);
         if !bench
             .robot
             .monitor()
@@ -202,25 +202,25 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
         }
     }
     if !entry.fast_ppb.is_empty()
-        && let Some(misread) = misread(bench)
+        && let Some(bus_errors) = bus_errors(bench)
     {
-        return Some(misread);
+        return Some(bus_errors);
     }
-    let seen = bench.wrong.take();
-    if let Some(wrong) = seen.or_else(|| entry.check.and_then(|check| check(bench))) {
+    let observed = bench.violation.take();
+    if let Some(wrong) = observed.or_else(|| entry.check.and_then(|check| check(bench))) {
         return Some(wrong);
     }
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
 }
 
 /// End of the last PWM pulse of the affected axle.
-fn last_pulse(bench: &mut Bench) -> Option<Time> {
-    let axle = bench.robot.axle(bench.struck?)?;
+fn last_pulse(bench: &mut FaultBench) -> Option<Time> {
+    let axle = bench.robot.axle(bench.affected?)?;
     axle.drivers.iter().map(Drv8874::driven_until).max()
 }
 
 /// Bus errors of a board, except missing acknowledgements, which are normal while other boards start.
-fn misread(bench: &mut Bench) -> Option<String> {
+fn bus_errors(bench: &mut FaultBench) -> Option<String> {
     let mut boards = bench.robot.topology.boards();
     let of_board = |role| {
         let place = bench.robot.place(role)?;
@@ -238,27 +238,28 @@ fn misread(bench: &mut Bench) -> Option<String> {
     boards.find_map(of_board)
 }
 
-fn judge(
-    mut bench: Bench,
-    case: &Case,
-    seen: Seen,
+fn outcome_of(
+    mut bench: FaultBench,
+    case: &FaultCase,
+    observed: MotorObservation,
     reference: &Reference,
     before: &[Vec<u8>],
 ) -> Outcome {
     let entry = case.entry;
     let first = bench.robot.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
-    let off = |last: Time| (last - seen.from).seconds();
-    let off_s = (!seen.driven).then(|| off(seen.last.iter().copied().fold(seen.from, Time::max)));
-    let last = last_pulse(&mut bench).filter(|_| !seen.driven);
+    let off = |last: Time| (last - observed.from).seconds();
+    let off_s = (!observed.driven)
+        .then(|| off(observed.last.iter().copied().fold(observed.from, Time::max)));
+    let last = last_pulse(&mut bench).filter(|_| !observed.driven);
     let own_off_s = last.map(off);
-    let wrong = complaint(&mut bench, entry, before).or_else(|| match off_s {
-        Some(off_s) => stopped_wrongly(entry, reason, off_s, own_off_s),
-        None => drives_wrongly(&bench, case, seen.from, reference),
+    let wrong = violation(&mut bench, entry, before).or_else(|| match off_s {
+        Some(off_s) => stop_violation(entry, reason, off_s, own_off_s),
+        None => drive_violation(&bench, case, observed.from, reference),
     });
     let end = match wrong {
         Some(why) => End::Wrong(why),
-        None if seen.driven => End::WentOn,
+        None if observed.driven => End::WentOn,
         None => End::Stopped,
     };
     Outcome {
@@ -272,7 +273,12 @@ fn judge(
     }
 }
 
-fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference) -> Option<String> {
+fn drive_violation(
+    bench: &FaultBench,
+    case: &FaultCase,
+    from: Time,
+    reference: &Reference,
+) -> Option<String> {
     let reason = stopped(bench);
     if !case.entry.goes_on || reason.is_some() {
         return Some(format!("motors on at the end: {reason:?}"));
@@ -291,19 +297,19 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
             ));
         }
     }
-    let place = case.after_ms + (bench.now() - from).micros() / 1000;
-    let expected = reference.get(place as usize - 1)?;
+    let index = case.after_ms + (bench.now() - from).micros() / 1000;
+    let expected = reference.get(index as usize - 1)?;
     let midpoint = bench.robot.plant.midpoint();
     let away = libm::hypot(midpoint[0] - expected[0], midpoint[1] - expected[1]);
-    (away > AWAY_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
+    (away > MAX_DEVIATION_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
 }
 
 /// Runs a case from power-on.
-fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Error> {
+fn start(campaign: &Campaign, case: &FaultCase, steps: &[TimedAct]) -> Result<Outcome, Error> {
     let entry = case.entry;
     let options = entry.options();
-    let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
-    let before = kept(&mut bench);
+    let mut bench = FaultBench::new(campaign, options.clone(), case.seed)?;
+    let before = stores(&mut bench);
     let acts = steps.iter().map(|step| step.after_ms);
     let late = entry.late_ms.iter().map(|(_, ms)| *ms);
     let last = acts.chain(late).max().unwrap_or(0);
@@ -313,19 +319,19 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
         for step in steps.iter().filter(|step| step.after_ms == elapsed) {
             (step.act)(&mut bench);
         }
-        bench.pass(1);
+        bench.run_for(1);
         let waits = bench.robot.waits_for().is_some();
         ready = if waits { 0 } else { ready + 1 };
-        if ready >= STAYS_MS && elapsed >= last {
+        if ready >= READY_HOLD_MS && elapsed >= last {
             break;
         }
     }
     let waits = bench.robot.waits_for();
     bench.press();
-    bench.pass(DRIVE_MS / 2);
+    bench.run_for(DRIVE_MS / 2);
     let mut driven = false;
     for _ in 0..DRIVE_MS / 2 {
-        bench.pass(1);
+        bench.run_for(1);
         let now = bench.now();
         for axle in bench.robot.topology.axles() {
             let axle = bench.robot.axle(Role::Axle(axle));
@@ -337,7 +343,7 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
         }
     }
     let reason = stopped(&bench);
-    let wrong = complaint(&mut bench, entry, &before).or_else(|| match (entry.goes_on, waits) {
+    let wrong = violation(&mut bench, entry, &before).or_else(|| match (entry.goes_on, waits) {
         (true, Some(why)) if !entry.unready => Some(format!("not ready: {why}")),
         (true, _) if !driven || reason.is_some() => Some(format!("does not drive: {reason:?}")),
         (false, None) => Some("ready in spite of the fault".to_owned()),

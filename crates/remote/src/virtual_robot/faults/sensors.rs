@@ -1,6 +1,6 @@
 //! Faults of converter, strain bridges, inertial sensor and encoders.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{AXLES, Entry, at, entries};
 use super::program::WATCHDOG_S;
 use core_algos::safety::Condition::{
@@ -29,11 +29,11 @@ pub(super) const WHEELS: &[Condition] = &[
     FrameBent,
 ];
 
-fn injected_faults(bench: &mut Bench, role: Role, change: fn(&mut InjectedFaults)) {
+fn injected_faults(bench: &mut FaultBench, role: Role, change: fn(&mut InjectedFaults)) {
     bench.board(role, |board| change(board.chip().injected_faults()));
 }
 
-fn bridge(bench: &mut Bench, fault: BridgeFault) {
+fn bridge(bench: &mut FaultBench, fault: BridgeFault) {
     let place = bench.draw(5) as usize;
     bench.beam(|beam, now| {
         if let Some(bridge) = beam.bridge(place) {
@@ -42,7 +42,7 @@ fn bridge(bench: &mut Bench, fault: BridgeFault) {
     });
 }
 
-fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
+fn inertial(bench: &mut FaultBench, change: fn(&mut InertialFault)) {
     let mut fault = InertialFault::default();
     change(&mut fault);
     bench.at_wheel(|axle, _, now| {
@@ -53,14 +53,14 @@ fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
 }
 
 /// Worst remaining notice of the lead node, which must have none.
-fn degraded(bench: &mut Bench) -> Option<String> {
+fn degraded(bench: &mut FaultBench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
     Some(format!("at the end still {worst}"))
 }
 
 /// Difference between the encoder's counter and the edges of its disc, if too large.
-fn miscounted(bench: &mut Bench) -> Option<String> {
+fn miscounted(bench: &mut FaultBench) -> Option<String> {
     /// Counter and disc start within one line of each other, and the filter may hold one line back.
     const APART: u16 = 8;
     /// CNT of TIM3 and TIM4.
@@ -73,7 +73,7 @@ fn miscounted(bench: &mut Bench) -> Option<String> {
     (off.unsigned_abs() > APART).then(|| format!("counter off by {off}"))
 }
 
-fn encoder(bench: &mut Bench, change: fn(&mut EncoderFault)) {
+fn encoder(bench: &mut FaultBench, change: fn(&mut EncoderFault)) {
     let mut fault = EncoderFault::default();
     change(&mut fault);
     bench.at_wheel(|axle, side, _| axle.encoders[side].set_fault(fault));
@@ -87,13 +87,13 @@ fn analogue() -> Vec<Entry> {
     entries! {
         "converter overrun: the DMA stalls for 1 ms", "DMA2 of the beam", steps(&[
             at(0, |b| {
-                b.somewhen();
+                b.advance_randomly();
                 injected_faults(b, Role::beam(0), |d| d.dma_waits = true);
             }),
             at(1, |b| injected_faults(b, Role::beam(0), |d| d.dma_waits = false)),
         ]).goes_on().notices(ConversionsLost).check(degraded).finds(OVERRUN);
         "DMA bus error", "DMA2 of the beam", drive(|b| {
-            b.somewhen();
+            b.advance_randomly();
             injected_faults(b, Role::beam(0), |d| d.dma_error = true);
         }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
         "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();

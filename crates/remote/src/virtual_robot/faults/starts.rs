@@ -1,14 +1,14 @@
 //! Boot orders, and faults present at power-on.
 
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::entry::{AXLES, BEAM, Entry, at, entries};
-use super::power::{beam, crystal, struck};
+use super::power::{beam, crystal, wheel_board};
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 use host_sim::run::robot::Robot;
 
 /// Checks that the LED of the front board flashed 20 times a second.
-fn blinks_fast(bench: &mut Bench) -> Option<String> {
+fn blinks_fast(bench: &mut FaultBench) -> Option<String> {
     let mut halves = 0;
     let mut spans = Vec::new();
     bench.axle(Role::LEAD, |axle, _| {
@@ -26,7 +26,7 @@ fn blinks_fast(bench: &mut Bench) -> Option<String> {
 }
 
 /// Checks that a board has reported another board with its role.
-fn names_the_role(bench: &mut Bench) -> Option<String> {
+fn names_the_role(bench: &mut FaultBench) -> Option<String> {
     let mut changes = bench.robot.monitor().changes().iter();
     let named = changes.any(|status| status.reason == Some(Condition::RoleTaken));
     (!named).then(|| "no node reports that its role is taken".to_owned())
@@ -89,10 +89,10 @@ fn buses() -> Vec<Entry> {
 fn others() -> Vec<Entry> {
     entries! {
         "crystal dead for the first 4.5 s", "crystal", start(&[
-            at(0, |b| crystal(b, Bench::any, false)),
-            at(4500, |b| crystal(b, Bench::any, true)),
+            at(0, |b| crystal(b, FaultBench::any, false)),
+            at(4500, |b| crystal(b, FaultBench::any, true)),
         ]).goes_on().must_reset().finds(&["reset"]);
-        "crystal of an axle's board dead for good", "crystal", start(&[at(0, |b| crystal(b, struck, false))])
+        "crystal of an axle's board dead for good", "crystal", start(&[at(0, |b| crystal(b, wheel_board, false))])
             .resets(AXLES).finds(&["reset"]);
         "crystal of the beam's board dead for good", "crystal", start(&[at(0, |b| crystal(b, beam, false))])
             .unready().resets(BEAM).finds(&["reset"]);

@@ -11,7 +11,7 @@ pub(super) struct Cuts {
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     /// Time at which each board's power returns, ms.
-    revivals: Vec<Option<u32>>,
+    restart_at: Vec<Option<u32>>,
     off: Vec<bool>,
     pub losses: Losses,
 }
@@ -23,7 +23,7 @@ impl Cuts {
             topology,
             failures: Vec::new(),
             restart_after: None,
-            revivals: vec![None; topology.board_count()],
+            restart_at: vec![None; topology.board_count()],
             off: vec![false; topology.board_count()],
             losses: Losses::new(topology),
         }
@@ -62,16 +62,16 @@ impl VirtualRobot {
                 let observers = self.control.observers.iter_mut();
                 observers.for_each(|observer| observer.off(role, tick, &why));
                 let back = cuts.restart_after.map(|after| tick + after.max(1));
-                (cuts.off[k], cuts.revivals[k]) = (true, back);
+                (cuts.off[k], cuts.restart_at[k]) = (true, back);
                 cuts.losses.lost(tick, role, why, back.is_some());
             }
-            if cuts.revivals[k] == Some(tick) {
+            if cuts.restart_at[k] == Some(tick) {
                 board.power(true);
-                (cuts.off[k], cuts.revivals[k]) = (false, None);
+                (cuts.off[k], cuts.restart_at[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
                 restarted.push(role);
                 if role == Role::LEAD {
-                    self.tools.moved = true;
+                    self.tools.lost_place = true;
                     let path = self.task.is_on_path();
                     self.failure = path.then(|| {
                         "the front board was restarted: its path and its posture are lost"
@@ -88,11 +88,11 @@ impl VirtualRobot {
 
     /// True if a board's power will return, or an action of the host after a restart is due.
     pub(in crate::virtual_robot) fn restart_pending(&self) -> bool {
-        self.tools.recovery.is_pending() || self.tools.cuts.revivals.iter().any(Option::is_some)
+        self.tools.recovery.is_pending() || self.tools.cuts.restart_at.iter().any(Option::is_some)
     }
 
     /// Checks whether the motors are off, and whether the run must end.
-    pub(super) fn watch_power(&mut self) {
+    pub(super) fn check_motors_off(&mut self) {
         if self.tools.cuts.losses.events().is_empty() {
             return;
         }
@@ -104,7 +104,7 @@ impl VirtualRobot {
             !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
         });
         let cuts = &mut self.tools.cuts;
-        cuts.losses.watch(tick, off);
+        cuts.losses.record_motors_off(tick, off);
         if let Some(why) = cuts.losses.end(tick) {
             self.failure.get_or_insert_with(|| why.to_owned());
         }

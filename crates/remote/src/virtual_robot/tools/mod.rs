@@ -27,7 +27,7 @@ pub(super) struct Tools {
     cuts: Cuts,
     recovery: Recovery,
     /// True if the front board has restarted and lost the robot's place.
-    moved: bool,
+    lost_place: bool,
     /// Frames of each board on the bus, and its failed transmissions.
     traffic: Vec<Traffic>,
 }
@@ -38,20 +38,20 @@ impl Tools {
         Self {
             cuts: Cuts::new(topology),
             recovery: Recovery::default(),
-            moved: false,
+            lost_place: false,
             traffic: vec![Traffic::default(); topology.board_count()],
         }
     }
 
     /// Counts a transmission that has ended; true if the frame is intact.
-    pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
-        let whole = sending.error.is_none();
+    pub fn count_transmission(&mut self, role: Option<Role>, sending: &Sending) -> bool {
+        let intact = sending.error.is_none();
         if let Some(role) = role {
             let traffic = &mut self.traffic[self.cuts.topology.place(role)];
-            traffic.frames += u64::from(whole);
-            traffic.damaged += u64::from(!whole);
+            traffic.frames += u64::from(intact);
+            traffic.damaged += u64::from(!intact);
         }
-        whole
+        intact
     }
 
     /// True if a board has no power.
@@ -77,13 +77,13 @@ impl VirtualRobot {
 
     /// Actions after a tick of the experiment.
     pub(super) fn end_tick(&mut self) -> Result<(), Error> {
-        self.watch_power();
+        self.check_motors_off();
         self.publish();
-        self.show()
+        self.notify_observers()
     }
 
     /// Boards with their bus traffic.
-    pub(super) fn heard_of_boards(&self) -> Vec<BoardTraffic> {
+    pub(super) fn board_traffic(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
             name: self.topology.name(role),
             on: self.roles.contains(&role) && !self.tools.cuts.is_off(role),

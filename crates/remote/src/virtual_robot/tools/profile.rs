@@ -55,8 +55,8 @@ pub struct Profile {
 pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
     let mut profiles = Vec::new();
     let boards = robot.roles.iter().zip(robot.network.boards());
-    for (((&role, board), watch), report) in boards.zip(&robot.watches).zip(reports) {
-        let hclk_hz = watch.hclk_hz() as f64;
+    for (((&role, board), observed), report) in boards.zip(&robot.observations).zip(reports) {
+        let hclk_hz = observed.hclk_hz() as f64;
         let Some(times) = Times::of(robot.images.of(role), board, hclk_hz) else {
             continue;
         };

@@ -1,36 +1,36 @@
 //! Actions of the host and the user at the robot. A restarted front board has lost the robot's place: the robot is
 //! put back on its start, and a path is lost.
 
-use crate::virtual_robot::{PRESS, VirtualRobot};
+use crate::virtual_robot::{PRESS_DURATION, VirtualRobot};
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
-use host_sim::targets::{HostCommand, What};
+use host_sim::targets::{EventKind, HostCommand};
 
 impl VirtualRobot {
     /// Performs the host's action of this tick after a restart.
     pub(in crate::virtual_robot) fn recover(&mut self) {
         let tools = &mut self.tools;
         let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
-        let Some(act) = tools.recovery.step(tick, restart, &self.monitor) else {
+        let Some(action) = tools.recovery.step(tick, restart, &self.monitor) else {
             return;
         };
-        let task = match act {
-            What::Cleared => Task::Clear,
+        let task = match action {
+            EventKind::Cleared => Task::Clear,
             _ => self.task,
         };
-        if act == What::Resumed && std::mem::take(&mut tools.moved) {
-            self.put_back();
-            self.link.command(&HostCommand::Place(self.place));
+        if action == EventKind::Resumed && std::mem::take(&mut tools.lost_place) {
+            self.return_to_start();
+            self.link.command(&HostCommand::SetPose(self.place));
         }
         self.link.command(&HostCommand::Task(task));
-        self.tools.cuts.losses.note(tick, act);
+        self.tools.cuts.losses.note(tick, action);
     }
 
     /// Puts the robot back on its start posture.
-    fn put_back(&mut self) {
-        for (turned, axle) in self.turned.iter_mut().zip(self.plant.axles()) {
+    fn return_to_start(&mut self) {
+        for (angles, axle) in self.start_angles.iter_mut().zip(self.plant.axles()) {
             let [left, right] = axle.motor_angle;
-            *turned = [turned[0] + left, turned[1] + right];
+            *angles = [angles[0] + left, angles[1] + right];
         }
         self.plant.place(self.start);
     }
@@ -40,7 +40,7 @@ impl VirtualRobot {
         let now = self.network.now();
         if let Some(front) = self.axle(Role::LEAD) {
             front.press(true, now);
-            front.press(false, now + PRESS);
+            front.press(false, now + PRESS_DURATION);
         }
     }
 }

@@ -29,7 +29,7 @@ use super::nonlinearity::Nonlinearity;
 use super::register::{Register, merge};
 use super::shared::Shared;
 use super::{timer, transfer};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 use registers::*;
@@ -38,8 +38,8 @@ use registers::*;
 const STABILISATION: Time = Time::from_micros(3);
 /// Supply limit, V; highest clock frequency above and below it, and lowest frequency, Hz (data sheet).
 const FULL_SPEED_V: f64 = 2.4;
-const MOST_HZ: [u64; 2] = [36_000_000, 18_000_000];
-const LEAST_HZ: u64 = 600_000;
+const MAX_HZ: [u64; 2] = [36_000_000, 18_000_000];
+const MIN_HZ: u64 = 600_000;
 /// Clocks from a trigger to the start of a conversion: regular, injected.
 const LATENCY: [u64; 2] = [2, 3];
 /// Clocks of a conversion after sampling: one for each bit.
@@ -74,14 +74,14 @@ pub(crate) struct Adc {
     data: u32,
     injected_data: [u32; 4],
     /// Positions in the sequences of the regular and the injected group; `None` if the group does not run.
-    places: [Option<u32>; 2],
+    positions: [Option<u32>; 2],
     conversion: Option<Conversion>,
     /// Core cycles in one clock of the converter when the conversion began.
     clock: u64,
     /// The program has not yet read the latest result of the regular group.
     unread: bool,
     /// DMA requests have stopped: the block ended without DDS, or an overrun occurred.
-    silent: bool,
+    requests_stopped: bool,
     stable: Time,
     /// Channels whose pin was checked since the converter was switched on, one bit each.
     checked: u32,
@@ -105,11 +105,11 @@ impl Default for Adc {
             sr: 0,
             data: 0,
             injected_data: [0; 4],
-            places: [None; 2],
+            positions: [None; 2],
             conversion: None,
             clock: 1,
             unread: false,
-            silent: false,
+            requests_stopped: false,
             stable: Time::NEVER,
             checked: 0,
             gated: None,
@@ -160,7 +160,7 @@ impl Adc {
             (true, None) => self.gated = Some(self.left(shared)),
             (false, Some(left)) => {
                 self.gated = None;
-                self.go_on(left, shared);
+                self.resume(left, shared);
             }
             _ => {}
         }
@@ -178,7 +178,7 @@ impl Adc {
     }
 
     /// Resumes a conversion with these remaining cycles.
-    fn go_on(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
+    fn resume(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
         let now = shared.now;
         let Some(conversion) = &mut self.conversion else {
             return;
@@ -219,15 +219,15 @@ impl Adc {
     }
 
     /// Channel at a position of a sequence. An injected sequence shorter than four ends with JSQ4.
-    fn channel(&self, injected: bool, place: u32) -> u32 {
-        let register = match (injected, place) {
+    fn channel(&self, injected: bool, position: u32) -> u32 {
+        let register = match (injected, position) {
             (true, _) => {
                 let length = (self.reg(JSQR) >> 20 & 3) + 1;
-                self.reg(JSQR) >> (5 * (4 - length + place))
+                self.reg(JSQR) >> (5 * (4 - length + position))
             }
-            (_, 0..=5) => self.reg(SQR3) >> (5 * place),
-            (_, 6..=11) => self.reg(SQR2) >> (5 * (place - 6)),
-            _ => self.reg(SQR1) >> (5 * (place - 12)),
+            (_, 0..=5) => self.reg(SQR3) >> (5 * position),
+            (_, 6..=11) => self.reg(SQR2) >> (5 * (position - 6)),
+            _ => self.reg(SQR1) >> (5 * (position - 12)),
         };
         register & 31
     }
@@ -240,12 +240,12 @@ impl Adc {
         }
     }
 
-    fn place(&mut self, injected: bool) -> &mut Option<u32> {
-        &mut self.places[usize::from(injected)]
+    fn position(&mut self, injected: bool) -> &mut Option<u32> {
+        &mut self.positions[usize::from(injected)]
     }
 
     /// Handles an edge of a timer's TRGO.
-    pub fn trigger(&mut self, timer: timer::Kind, rises: bool, shared: &mut Shared) {
+    pub fn trigger(&mut self, timer: timer::TimerId, rises: bool, shared: &mut Shared) {
         let cr2 = self.cr2();
         if cr2 & ADON == 0 || self.gated.is_some() {
             return;
@@ -259,39 +259,39 @@ impl Adc {
         }
     }
 
-    fn judge_start(&mut self, shared: &mut Shared) {
+    fn check_start(&mut self, shared: &mut Shared) {
         if shared.time() < self.stable {
             shared.note(
-                Kind::Forbidden,
+                FindingKind::Forbidden,
                 "ADC1: a conversion starts within 3 µs of ADON",
             );
         }
         let hz = shared.clocks.hclk_hz / self.clock(shared);
-        let most = MOST_HZ[usize::from(shared.volts < FULL_SPEED_V)];
-        if !(LEAST_HZ..=most).contains(&hz) {
+        let max_hz = MAX_HZ[usize::from(shared.volts < FULL_SPEED_V)];
+        if !(MIN_HZ..=max_hz).contains(&hz) {
             shared.note(
-                Kind::ClockLimit,
-                format!("ADC1 clock {hz} Hz: must be {LEAST_HZ} to {most} Hz"),
+                FindingKind::ClockLimit,
+                format!("ADC1 clock {hz} Hz: must be {MIN_HZ} to {max_hz} Hz"),
             );
         }
     }
 
     /// Starts a group, by trigger or by the program.
     fn start(&mut self, injected: bool, shared: &mut Shared) {
-        if !injected && self.sr & OVR != 0 && self.notices_overruns() {
+        if !injected && self.sr & OVR != 0 && self.detects_overruns() {
             // Manual: ignored until the overrun flag is cleared.
             return;
         }
-        if self.place(injected).is_some() {
+        if self.position(injected).is_some() {
             let text = match injected {
                 true => "ADC1: injected trigger while the group is converted",
                 false => "ADC1: regular trigger while the group is converted",
             };
-            return shared.note(Kind::Lost, text);
+            return shared.note(FindingKind::Lost, text);
         }
-        self.judge_start(shared);
+        self.check_start(shared);
         self.sr |= if injected { JSTRT } else { STRT };
-        *self.place(injected) = Some(0);
+        *self.position(injected) = Some(0);
         if injected {
             self.started = shared.now;
             // The interrupted conversion of the regular group restarts afterwards.
@@ -305,15 +305,15 @@ impl Adc {
 
     /// Starts sampling the next channel after `wait` cycles; the injected group goes first.
     fn sample_next(&mut self, wait: Cycles, shared: &mut Shared) {
-        let (injected, place) = match self.places {
-            [_, Some(place)] => (true, place),
-            [Some(place), None] => (false, place),
+        let (injected, position) = match self.positions {
+            [_, Some(position)] => (true, position),
+            [Some(position), None] => (false, position),
             [None, None] => {
                 self.conversion = None;
                 return shared.schedule(Unit::Adc, NEVER);
             }
         };
-        let channel = self.channel(injected, place);
+        let channel = self.channel(injected, position);
         self.clock = self.clock(shared);
         let sampled = shared.now + wait + self.sampling(channel) * self.clock;
         self.conversion = Some(Conversion {
@@ -339,7 +339,7 @@ impl Adc {
                 shared.take_sample().unwrap_or_default()
             }
             None => {
-                shared.note(Kind::NotModelled, "ADC1: channels inside the chip");
+                shared.note(FindingKind::NotModelled, "ADC1: channels inside the chip");
                 0.0
             }
         };
@@ -357,7 +357,7 @@ impl Adc {
     }
 
     /// True if overruns of the regular group are detected.
-    fn notices_overruns(&self) -> bool {
+    fn detects_overruns(&self) -> bool {
         self.cr2() & (DMA | EOCS) != 0
     }
 
@@ -366,47 +366,50 @@ impl Adc {
         let ends = self.advance(false);
         let cr2 = self.cr2();
         // After the end of the DMA block there are no requests and no overruns.
-        let ended = cr2 & DMA != 0 && self.silent;
-        if self.unread && self.notices_overruns() && !ended {
+        let ended = cr2 & DMA != 0 && self.requests_stopped;
+        if self.unread && self.detects_overruns() && !ended {
             self.sr |= OVR;
-            self.silent = true;
+            self.requests_stopped = true;
             self.counts.overruns += 1;
-            *self.place(false) = None;
-            return shared.note(Kind::Lost, "ADC1: overrun, a conversion was not fetched");
+            *self.position(false) = None;
+            return shared.note(
+                FindingKind::Lost,
+                "ADC1: overrun, a conversion was not fetched",
+            );
         }
         self.data = count;
         self.unread = true;
         if ends || cr2 & EOCS != 0 {
             self.sr |= EOC;
         }
-        self.ask(shared);
+        self.request_dma(shared);
     }
 
     /// Advances to the next position; true at the end of the sequence.
     fn advance(&mut self, injected: bool) -> bool {
         let length = self.length(injected);
-        let place = self.place(injected);
-        let next = place.unwrap_or(0) + 1;
-        *place = (next < length).then_some(next);
+        let position = self.position(injected);
+        let next = position.unwrap_or(0) + 1;
+        *position = (next < length).then_some(next);
         next >= length
     }
 
     /// Requests a DMA transfer of the unread result, if enabled.
-    pub fn ask(&mut self, shared: &mut Shared) {
-        if self.cr2() & DMA != 0 && self.unread && !self.silent {
+    pub fn request_dma(&mut self, shared: &mut Shared) {
+        if self.cr2() & DMA != 0 && self.unread && !self.requests_stopped {
             shared.effect(Effect::Dma(Request::Adc1));
         }
     }
 
     /// Stops the requests, unless DDS is set: the stream has moved the last item of its block.
     pub fn block_ended(&mut self) {
-        self.silent |= self.cr2() & DDS == 0;
+        self.requests_stopped |= self.cr2() & DDS == 0;
     }
 
     fn injected_done(&mut self, count: u32) {
         self.counts.injected += 1;
-        let place = self.place(true).unwrap_or(0);
-        self.injected_data[place as usize & 3] = count;
+        let position = self.position(true).unwrap_or(0);
+        self.injected_data[position as usize & 3] = count;
         if self.advance(true) {
             self.sr |= JEOC;
         }
@@ -444,8 +447,8 @@ impl Peripheral for Adc {
     }
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
-        let place = offset as usize / 4;
-        let value = match self.plain.get(place) {
+        let index = offset as usize / 4;
+        let value = match self.plain.get(index) {
             Some(&old) => merge(old, value, mask),
             None => value,
         };
@@ -459,31 +462,37 @@ impl Peripheral for Adc {
             CR1 => self.write_cr1(value, shared),
             CR2 => self.write_cr2(value, shared),
             JOFR1..=JOFR4 if value != 0 => {
-                shared.note(Kind::NotModelled, "ADC1: offsets of injected results");
+                shared.note(
+                    FindingKind::NotModelled,
+                    "ADC1: offsets of injected results",
+                );
             }
             SMPR1 | SMPR2 => self.write_sampling(offset, value, shared),
             SQR1..=SQR3 => {
-                self.plain[place] = value;
+                self.plain[index] = value;
                 self.write_sequence(false, shared);
             }
             JSQR => {
-                self.plain[place] = value;
+                self.plain[index] = value;
                 self.write_sequence(true, shared);
             }
             JDR1..=DR | CSR | CDR => {
-                shared.note(Kind::Forbidden, "ADC1: data are read only");
+                shared.note(FindingKind::Forbidden, "ADC1: data are read only");
             }
             CCR => {
                 if (value ^ self.common) & 3 << 16 != 0 && self.conversion.is_some() {
-                    shared.note(Kind::Forbidden, "ADC_CCR: ADCPRE changed while converting");
+                    shared.note(
+                        FindingKind::Forbidden,
+                        "ADC_CCR: ADCPRE changed while converting",
+                    );
                 }
                 self.common = value;
                 if value & UNKNOWN_COMMON != 0 {
                     let text = "ADC_CCR: dual and triple modes, channels inside the chip";
-                    shared.note(Kind::NotModelled, text);
+                    shared.note(FindingKind::NotModelled, text);
                 }
             }
-            _ => self.plain[place] = value,
+            _ => self.plain[index] = value,
         }
         self.line(shared);
     }
@@ -507,7 +516,7 @@ impl Peripheral for Adc {
         if self.conversion.is_some() && self.gated.is_none() && clock != self.clock {
             let left = self.left(shared).map(|left| left / self.clock * clock);
             self.clock = clock;
-            self.go_on(left, shared);
+            self.resume(left, shared);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
-use super::super::timer::Kind;
+use super::super::timer::TimerId;
 
 // Offsets.
 pub(super) const SR: u32 = 0x00;
@@ -62,21 +62,21 @@ pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
 /// Timer whose TRGO starts the regular group, by EXTSEL; other triggers are not modelled.
-pub(super) fn regular_trigger(select: u32) -> Option<Kind> {
+pub(super) fn regular_trigger(select: u32) -> Option<TimerId> {
     match select & 15 {
-        6 => Some(Kind::Tim2),
-        8 => Some(Kind::Tim3),
+        6 => Some(TimerId::Tim2),
+        8 => Some(TimerId::Tim3),
         _ => None,
     }
 }
 
 /// Timer whose TRGO starts the injected group, by JEXTSEL; other triggers are not modelled.
-pub(super) fn injected_trigger(select: u32) -> Option<Kind> {
+pub(super) fn injected_trigger(select: u32) -> Option<TimerId> {
     match select & 15 {
-        1 => Some(Kind::Tim1),
-        3 => Some(Kind::Tim2),
-        9 => Some(Kind::Tim4),
-        11 => Some(Kind::Tim5),
+        1 => Some(TimerId::Tim1),
+        3 => Some(TimerId::Tim2),
+        9 => Some(TimerId::Tim4),
+        11 => Some(TimerId::Tim5),
         _ => None,
     }
 }

@@ -27,7 +27,7 @@ enum Stream {
     Sleeps,
 }
 
-struct Bench {
+struct AdcBench {
     adc: Adc,
     shared: Shared,
     /// Cycles of the DMA requests, and the results read.
@@ -41,7 +41,7 @@ const SCANNED: u32 = SCAN | JEOCIE | OVRIE;
 /// CR2 of the bench: trigger by TIM2, DMA.
 const STREAMED: u32 = ADON | DMA | DDS | 6 << 24 | 1 << 28;
 
-impl Bench {
+impl AdcBench {
     /// A noiseless converter. Regular channels 1 and 2 sample for 15 clocks, injected channel 3 for 28.
     fn new(cr1: u32, cr2: u32) -> Self {
         let mut bench = Self {
@@ -83,7 +83,8 @@ impl Bench {
     }
 
     fn trigger(&mut self) -> &mut Self {
-        self.adc.trigger(timer::Kind::Tim2, true, &mut self.shared);
+        self.adc
+            .trigger(timer::TimerId::Tim2, true, &mut self.shared);
         self
     }
 
@@ -123,15 +124,15 @@ fn voltage_is_taken_at_the_end_of_sampling() {
             3.3 * at.seconds() * 16e6 / 4096.0
         }
     }
-    let mut bench = Bench::new(SCANNED, STREAMED);
-    bench.shared.replace_world(Box::new(Ramp));
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
+    bench.shared.replace_circuit(Box::new(Ramp));
     bench.trigger().pass(2000);
     assert_eq!(bench.data, [1000 + 4 + 30, 1000 + 4 + 84]);
 }
 
 #[test]
 fn injected_group_interrupts_and_the_regular_conversion_restarts() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).command(JSWSTART).pass(1070 + 86);
     // 3 clocks, then 28 + 12 clocks.
     assert!(bench.interrupted());
@@ -146,14 +147,14 @@ fn injected_group_interrupts_and_the_regular_conversion_restarts() {
 
 #[test]
 fn regular_trigger_waits_for_the_injected_group() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.command(JSWSTART).pass(1010).trigger().pass(2000);
     assert_eq!(bench.asked, [1086 + 54, 1086 + 108]);
 }
 
 #[test]
 fn short_injected_sequence_ends_with_jsq4() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     // Two channels of at most four: JSQ3 and JSQ4.
     bench.write(&[(JSQR, 1 << 20 | 9 << 10 | 12 << 15)]);
     bench.command(JSWSTART).pass(2000);
@@ -163,10 +164,10 @@ fn short_injected_sequence_ends_with_jsq4() {
 #[test]
 fn trigger_acts_on_the_selected_edges() {
     for (edges, rising, falling) in [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)] {
-        let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
+        let mut bench = AdcBench::new(0, ADON | 1 << 16 | edges << 20);
         for (level, end, injected) in [(true, 1500, rising), (false, 2000, rising + falling)] {
-            let Bench { adc, shared, .. } = &mut bench;
-            adc.trigger(timer::Kind::Tim1, level, shared);
+            let AdcBench { adc, shared, .. } = &mut bench;
+            adc.trigger(timer::TimerId::Tim1, level, shared);
             bench.pass(end);
             assert_eq!(bench.adc.counts().injected, injected);
         }
@@ -175,12 +176,12 @@ fn trigger_acts_on_the_selected_edges() {
 
 #[test]
 fn unread_result_is_an_overrun_that_stops_the_regular_group() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.stream = Stream::Sleeps;
     bench.trigger().pass(2000);
     assert_eq!(bench.read(SR) & OVR, OVR);
     assert!(bench.interrupted());
-    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
     // Regular triggers are ignored; the injected group is not affected.
     bench.trigger().command(JSWSTART).pass(3000);
     let counts = bench.adc.counts();
@@ -201,11 +202,11 @@ fn unread_result_is_an_overrun_that_stops_the_regular_group() {
 
 #[test]
 fn overrun_is_detected_with_eocs_and_not_without() {
-    let mut bench = Bench::new(SCANNED, ADON);
+    let mut bench = AdcBench::new(SCANNED, ADON);
     bench.command(SWSTART).pass(2000);
     assert_eq!(bench.read(SR), STRT | EOC);
     assert_eq!(bench.read(DR), 200, "the last of the sequence");
-    let mut bench = Bench::new(SCANNED, ADON | EOCS);
+    let mut bench = AdcBench::new(SCANNED, ADON | EOCS);
     bench.command(SWSTART).pass(1058);
     assert_eq!(bench.read(SR), STRT | EOC);
     bench.pass(2000);
@@ -216,7 +217,7 @@ fn overrun_is_detected_with_eocs_and_not_without() {
 
 #[test]
 fn block_end_without_dds_stops_requests_and_overruns() {
-    let mut bench = Bench::new(SCANNED, STREAMED & !DDS);
+    let mut bench = AdcBench::new(SCANNED, STREAMED & !DDS);
     bench.trigger().pass(2000);
     bench.adc.block_ended();
     bench.trigger().pass(3000);
@@ -239,53 +240,57 @@ fn enabling_an_unmodelled_feature_is_a_finding() {
         (CCR, 1),
         (CCR, 1 << 23),
     ] {
-        let mut bench = Bench::new(0, 0);
+        let mut bench = AdcBench::new(0, 0);
         bench.write(&[(offset, value)]);
-        assert_eq!(bench.shared.kinds(), [Kind::NotModelled], "{value:#x}");
+        assert_eq!(
+            bench.shared.kinds(),
+            [FindingKind::NotModelled],
+            "{value:#x}"
+        );
     }
 }
 
 #[test]
 fn trigger_during_its_own_group_is_lost() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1020).trigger().pass(2000);
     assert_eq!(bench.asked, [1058, 1112]);
-    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.command(JSWSTART).pass(1020);
     bench.command(JSWSTART).pass(2000);
     assert_eq!(bench.adc.counts().injected, 1);
-    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
 }
 
 #[test]
 fn violated_limits_of_clock_and_start_up_are_findings() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.shared.clocks.hclk_hz = 168_000_000;
     bench.trigger();
-    assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::ClockLimit]);
     // 21 MHz exceeds the limit below 2.4 V.
-    for (volts, found) in [(3.3, vec![]), (2.0, vec![Kind::ClockLimit])] {
-        let mut bench = Bench::new(SCANNED, STREAMED);
+    for (volts, found) in [(3.3, vec![]), (2.0, vec![FindingKind::ClockLimit])] {
+        let mut bench = AdcBench::new(SCANNED, STREAMED);
         bench.shared.clocks.hclk_hz = 42_000_000;
         bench.shared.volts = volts;
         bench.trigger();
         assert_eq!(bench.shared.kinds(), found);
     }
-    let mut bench = Bench::new(SCANNED, 0);
+    let mut bench = AdcBench::new(SCANNED, 0);
     bench.write(&[(CR2, ADON)]).pass(1047).command(SWSTART);
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden]);
 }
 
 #[test]
 fn settings_changed_during_a_conversion_are_a_finding() {
     for write in [(SQR3, 5), (SMPR2, 0), (CCR, 1 << 16)] {
-        let mut bench = Bench::new(SCANNED, STREAMED);
+        let mut bench = AdcBench::new(SCANNED, STREAMED);
         bench.trigger().pass(1010).write(&[write]);
-        assert_eq!(bench.shared.kinds(), [Kind::Forbidden], "{write:?}");
+        assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden], "{write:?}");
     }
     // A new sequence starts from its beginning.
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).write(&[(SQR3, 2 | 1 << 5)]);
     bench.pass(2000);
     assert_eq!(bench.data, [100, 200, 100]);
@@ -293,7 +298,7 @@ fn settings_changed_during_a_conversion_are_a_finding() {
 
 #[test]
 fn conversion_pauses_while_the_clock_is_off() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
+    let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1050);
     bench.adc.gate(true, &mut bench.shared);
     bench.pass(1500).trigger().pass(2000);

@@ -4,7 +4,7 @@ use super::registers::*;
 use super::{Adc, Conversion, STABILISATION};
 use crate::chip::map::Unit;
 use crate::chip::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::NEVER;
 
 impl Adc {
@@ -12,7 +12,7 @@ impl Adc {
         self.plain[CR1 as usize / 4] = value;
         if value & UNKNOWN_CR1 != 0 {
             let text = "ADC1: DISCEN, JDISCEN, JAUTO, analogue watchdog, resolution";
-            shared.note(Kind::NotModelled, text);
+            shared.note(FindingKind::NotModelled, text);
         }
     }
 
@@ -27,14 +27,14 @@ impl Adc {
         let regular = value & EXTEN != 0 && regular_trigger(value >> 24).is_none();
         let injected = value & JEXTEN != 0 && injected_trigger(value >> 16).is_none();
         if regular || injected {
-            let text = "ADC1: triggers but TRGO of TIM1 to TIM5";
-            shared.note(Kind::NotModelled, text);
+            let text = "ADC1: triggers except TRGO of TIM1 to TIM5";
+            shared.note(FindingKind::NotModelled, text);
         }
         if value & ADON == 0 {
             if value & (SWSTART | JSWSTART) != 0 {
-                shared.note(Kind::Forbidden, "ADC1: started while it is off");
+                shared.note(FindingKind::Forbidden, "ADC1: started while it is off");
             }
-            self.places = [None; 2];
+            self.positions = [None; 2];
             self.conversion = None;
             shared.cancel_sample();
             shared.schedule(Unit::Adc, NEVER);
@@ -43,8 +43,8 @@ impl Adc {
             self.checked = 0;
         }
         if value & !old & DMA != 0 {
-            self.silent = false;
-            self.ask(shared);
+            self.requests_stopped = false;
+            self.request_dma(shared);
         }
         if value & ADON != 0 {
             if value & JSWSTART != 0 {
@@ -58,14 +58,14 @@ impl Adc {
 
     /// Restarts a sequence that is written while it is converted.
     pub(super) fn write_sequence(&mut self, injected: bool, shared: &mut Shared) {
-        if self.place(injected).is_none() {
+        if self.position(injected).is_none() {
             return;
         }
         shared.note(
-            Kind::Forbidden,
+            FindingKind::Forbidden,
             "ADC1: a sequence is written while it is converted",
         );
-        *self.place(injected) = Some(0);
+        *self.position(injected) = Some(0);
         if self.conversion.is_some_and(|c| c.injected == injected) {
             self.sample_next(0, shared);
         }
@@ -79,7 +79,7 @@ impl Adc {
             self.plain[offset as usize / 4] = value;
             if self.sampling(channel) != before {
                 let text = "ADC1: SMPRx changed while the channel is sampled";
-                shared.note(Kind::Forbidden, text);
+                shared.note(FindingKind::Forbidden, text);
             }
         }
         self.plain[offset as usize / 4] = value;

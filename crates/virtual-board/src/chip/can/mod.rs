@@ -29,9 +29,9 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{NEVER, Time};
-use crate::wire::{Action, BitTiming, ErrorKind, Event, Frame, Settings, What};
+use crate::wire::{Action, BitTiming, ErrorKind, Event, EventKind, Frame, Settings};
 use fifo::{FOVR, FULL, Fifo, RFOM};
 use filter::{FINIT, Filters};
 use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
@@ -115,13 +115,13 @@ impl Can {
     }
 
     /// Notes a bit rate above the controller's limit.
-    fn judge_rate(&self, shared: &mut Shared) {
+    fn check_bit_rate(&self, shared: &mut Shared) {
         let clock = shared.clocks.hclk_hz / shared.clocks.apb1;
         let timing = self.timing(shared);
         let divider = (u64::from(self.btr & 0x3ff) + 1) * u64::from(timing.quanta());
         if clock > MAX_RATE * divider {
             let text = format!("CAN1: {} bit/s, {MAX_RATE} at most", clock / divider);
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
         }
     }
 
@@ -130,8 +130,8 @@ impl Can {
             on: self.target == Mode::Normal,
             timing: self.timing(shared),
             recover: self.mcr & ABOM != 0,
-            sends: true,
-            hears: true,
+            transmit_enabled: true,
+            receive_enabled: true,
         }
     }
 
@@ -143,10 +143,10 @@ impl Can {
         self.mcr = value;
         if changed & value & TTCM != 0 {
             let text = "CAN1: time-triggered mode, which errata sheet ES0182 forbids on this chip";
-            shared.note(Kind::Forbidden, text);
+            shared.note(FindingKind::Forbidden, text);
         }
         if changed & value & (TXFP | RFLM | NART | AWUM) != 0 {
-            shared.note(Kind::NotModelled, "CAN1: TXFP, RFLM, NART, AWUM");
+            shared.note(FindingKind::NotModelled, "CAN1: TXFP, RFLM, NART, AWUM");
         }
         let target = self.wanted();
         if target != self.target {
@@ -172,7 +172,7 @@ impl Can {
     fn go(&mut self, target: Mode, shared: &mut Shared) {
         self.target = target;
         self.events
-            .retain(|e| !matches!(e.what, What::Joined | What::Left));
+            .retain(|e| !matches!(e.kind, EventKind::Joined | EventKind::Left));
         self.act(Action::Set(self.settings(shared)), shared);
         if target != Mode::Normal && self.mode != Mode::Normal {
             self.arrive(target);
@@ -232,7 +232,7 @@ impl Can {
         let mailbox = &mut self.mailboxes[k];
         if mailbox.is_pending() {
             let text = format!("CAN1: mailbox {k} written while its request is pending");
-            return shared.note(Kind::Forbidden, text);
+            return shared.note(FindingKind::Forbidden, text);
         }
         mailbox.words[which] = merge(mailbox.words[which], value, mask);
         if which == 0 && mailbox.is_pending() {
@@ -253,10 +253,10 @@ impl Can {
     fn write_btr(&mut self, value: u32, shared: &mut Shared) {
         if self.mode != Mode::Initialisation {
             let text = "CAN1_BTR written outside of the initialisation mode";
-            return shared.note(Kind::Forbidden, text);
+            return shared.note(FindingKind::Forbidden, text);
         }
         if value & (SILM | LBKM) != 0 {
-            shared.note(Kind::NotModelled, "CAN1: silent and loopback modes");
+            shared.note(FindingKind::NotModelled, "CAN1: silent and loopback modes");
         }
         self.btr = value;
     }
@@ -281,7 +281,7 @@ impl Can {
                 if frozen && filters.active >> (place / 2) & 1 == 1 {
                     let text =
                         format!("CAN1: filter bank {} written while it is active", place / 2);
-                    return shared.note(Kind::Forbidden, text);
+                    return shared.note(FindingKind::Forbidden, text);
                 }
                 filters.banks[place / 2][place % 2] = value;
                 return;
@@ -289,7 +289,7 @@ impl Can {
         };
         if frozen {
             let text = "CAN1: filters set up outside of their initialisation mode";
-            return shared.note(Kind::Forbidden, text);
+            return shared.note(FindingKind::Forbidden, text);
         }
         *register = value;
     }
@@ -332,35 +332,35 @@ impl Can {
         }
     }
 
-    fn happen(&mut self, event: Event, shared: &mut Shared) {
-        let Event { what, tec, rec, .. } = event;
-        match what {
-            What::Joined if self.target == Mode::Normal => {
+    fn handle_event(&mut self, event: Event, shared: &mut Shared) {
+        let Event { kind, tec, rec, .. } = event;
+        match kind {
+            EventKind::Joined if self.target == Mode::Normal => {
                 self.arrive(Mode::Normal);
-                self.judge_rate(shared);
+                self.check_bit_rate(shared);
             }
-            What::Left if self.target != Mode::Normal => self.arrive(self.target),
-            What::Joined | What::Left | What::Counted => {}
-            What::Started { mailbox } => self.sending = Some(mailbox.into()),
-            What::Sent { mailbox, .. } => {
+            EventKind::Left if self.target != Mode::Normal => self.arrive(self.target),
+            EventKind::Joined | EventKind::Left | EventKind::Counted => {}
+            EventKind::Started { mailbox } => self.sending = Some(mailbox.into()),
+            EventKind::Sent { mailbox, .. } => {
                 self.sending = None;
                 self.esr &= !LEC;
                 if let Some(mailbox) = self.mailboxes.get_mut(usize::from(mailbox)) {
                     mailbox.complete(TXOK);
                 }
             }
-            What::Failed {
+            EventKind::Failed {
                 mailbox,
                 lost,
                 again,
             } => self.failed(mailbox.into(), lost, again),
-            What::Received { frame, .. } => {
+            EventKind::Received { frame, .. } => {
                 self.esr &= !LEC;
                 self.receive(&frame, shared);
             }
-            What::Error(kind) => self.error(kind),
-            What::Off => self.raise(BOFF, BOFIE),
-            What::Recovered => self.esr &= !BOFF,
+            EventKind::Error(kind) => self.error(kind),
+            EventKind::Off => self.raise(BOFF, BOFIE),
+            EventKind::Recovered => self.esr &= !BOFF,
         }
         self.count(tec, rec);
     }
@@ -431,7 +431,7 @@ impl Can {
         if self.fifos[found.fifo].push(message) {
             self.lost += 1;
             let text = format!("CAN1: FIFO {} overrun", found.fifo);
-            shared.note(Kind::Lost, text);
+            shared.note(FindingKind::Lost, text);
         }
     }
 }
@@ -484,19 +484,21 @@ impl Peripheral for Can {
             0x14 => {
                 self.ier = merge(self.ier, value, mask) & IER_BITS;
                 if self.ier & WKUIE != 0 {
-                    shared.note(Kind::NotModelled, "CAN1: waking by the bus");
+                    shared.note(FindingKind::NotModelled, "CAN1: waking by the bus");
                 }
             }
             0x18 => self.esr = merge(self.esr, value & LEC, mask & LEC),
             0x1c => self.write_btr(merge(self.btr, value, mask) & BTR_BITS, shared),
             MAILBOXES..OUTPUTS => self.write_mailbox(offset - MAILBOXES, value, mask, shared),
-            OUTPUTS..0x1d0 => shared.note(Kind::Forbidden, "CAN1: a receive mailbox written"),
+            OUTPUTS..0x1d0 => {
+                shared.note(FindingKind::Forbidden, "CAN1: a receive mailbox written")
+            }
             _ => {
                 let old = self.read(offset, shared);
                 self.write_filter(offset, merge(old, value, mask), shared);
                 if self.filters.are_unknown() {
                     let text = "CAN1: filters that are lists or have 16 bits";
-                    shared.note(Kind::NotModelled, text);
+                    shared.note(FindingKind::NotModelled, text);
                 }
             }
         }
@@ -514,7 +516,7 @@ impl Peripheral for Can {
                 break;
             }
             self.events.pop_front();
-            self.happen(event, shared);
+            self.handle_event(event, shared);
         }
         self.plan(shared);
         self.lines(shared);

@@ -1,7 +1,7 @@
 //! The chip as a node on the bus.
 
 use super::super::{Chip, Signal};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::Time;
 use crate::wire::{Action, Event, Node};
 
@@ -16,7 +16,7 @@ impl Chip {
         let found = self.units.gpio.pin_of(signal).is_some();
         if !found {
             let text = format!("CAN1 takes part without a pin for {name}");
-            self.shared.note(Kind::Pin, text);
+            self.shared.note(FindingKind::Pin, text);
         }
         found
     }
@@ -28,8 +28,8 @@ impl Node for Chip {
         if let Action::Set(settings) = &mut action
             && settings.on
         {
-            settings.sends = self.is_routed(Signal::Can1Tx, "CAN1_TX");
-            settings.hears = self.is_routed(Signal::Can1Rx, "CAN1_RX");
+            settings.transmit_enabled = self.is_routed(Signal::Can1Tx, "CAN1_TX");
+            settings.receive_enabled = self.is_routed(Signal::Can1Rx, "CAN1_RX");
         }
         Some((at, action))
     }

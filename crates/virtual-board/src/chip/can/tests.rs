@@ -21,7 +21,7 @@ const RDT0R: u32 = 0x1b4;
 const FMR: u32 = 0x200;
 
 /// A board with nothing but the CAN controller.
-type Board = testing::Bench<Can>;
+type Board = testing::PeripheralBench<Can>;
 
 impl Board {
     fn new() -> Self {
@@ -41,7 +41,7 @@ impl Board {
         self.write(&[(place + 4, 4), (place + 8, data), (place, id << 21 | 1)]);
     }
 
-    fn found(&self, kind: Kind) -> usize {
+    fn found(&self, kind: FindingKind) -> usize {
         let kinds = self.shared.kinds();
         kinds.iter().filter(|found| **found == kind).count()
     }
@@ -58,14 +58,14 @@ impl Node for Board {
 }
 
 /// Boards and one virtual node on a bus.
-struct Bench {
+struct CanBench {
     wire: Wire,
     boards: Vec<Board>,
     other: VirtualNode,
     now: Cycles,
 }
 
-impl Bench {
+impl CanBench {
     fn new(boards: usize) -> Self {
         let mut wire = Wire::new(boards + 1, Time::from_micros(20), 1);
         wire.record();
@@ -118,7 +118,7 @@ impl Bench {
 
 #[test]
 fn controller_joins_after_eleven_recessive_bits() {
-    let mut bench = Bench::new(1);
+    let mut bench = CanBench::new(1);
     let dominant = Fault::Level(Some(Level::Dominant));
     bench.wire.inject(Time(0), dominant);
     bench.board().write(&[(MCR, ABOM)]);
@@ -140,7 +140,7 @@ fn controller_joins_after_eleven_recessive_bits() {
 
 #[test]
 fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
-    let mut bench = Bench::joined(2, false);
+    let mut bench = CanBench::joined(2, false);
     let begin = bench.now;
     for board in &mut bench.boards {
         board.write(&[(IER, TMEIE | FMPIE[0])]);
@@ -192,14 +192,14 @@ fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
     assert!(board.shared.findings.list().is_empty());
 }
 
-fn order(bench: &mut Bench) -> Vec<Id> {
+fn order(bench: &mut CanBench) -> Vec<Id> {
     let records = bench.wire.take_records();
     records.iter().map(|r| r.frame.id()).collect()
 }
 
 #[test]
 fn mailboxes_are_sent_in_order_of_identifier() {
-    let mut bench = Bench::joined(2, false);
+    let mut bench = CanBench::joined(2, false);
     let board = bench.board();
     for (mailbox, id) in [(0, 0x300), (1, 0x100), (2, 0x200)] {
         board.request(mailbox, id, 0);
@@ -216,7 +216,7 @@ fn mailboxes_are_sent_in_order_of_identifier() {
 
 #[test]
 fn equal_identifiers_are_sent_in_order_of_mailbox_number() {
-    let mut bench = Bench::joined(2, false);
+    let mut bench = CanBench::joined(2, false);
     for mailbox in [2, 1, 0] {
         bench.board().request(mailbox, 0x100, mailbox);
     }
@@ -228,7 +228,7 @@ fn equal_identifiers_are_sent_in_order_of_mailbox_number() {
 
 #[test]
 fn missing_acknowledgement_stops_the_error_counter_at_128() {
-    let mut bench = Bench::joined(1, false);
+    let mut bench = CanBench::joined(1, false);
     let board = bench.board();
     board.write(&[(IER, ERRIE | EPVIE)]);
     board.request(0, 0x100, 0);
@@ -254,7 +254,7 @@ fn missing_acknowledgement_stops_the_error_counter_at_128() {
 
 #[test]
 fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
-    let mut bench = Bench::joined(1, true);
+    let mut bench = CanBench::joined(1, true);
     bench.board().request(0, 0x100, 0);
     bench.board().request(1, 0x101, 0);
     bench.run(120);
@@ -274,7 +274,7 @@ fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
     assert_eq!(bench.wire.statistics(0).given_up, 1);
 
     // Without an acknowledgement, the transmission ends at the first error.
-    let mut bench = Bench::joined(1, false);
+    let mut bench = CanBench::joined(1, false);
     bench.board().request(0, 0x100, 0);
     bench.run(140);
     bench.board().run(140 * MICRO);
@@ -289,14 +289,14 @@ fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
 #[test]
 fn bus_off_recovers_automatically_or_by_the_program() {
     for recover in [true, false] {
-        let mut bench = Bench::joined(2, false);
+        let mut bench = CanBench::joined(2, false);
         let mcr = if recover { ABOM } else { 0 };
         bench.board().write(&[(MCR, mcr), (IER, ERRIE | BOFIE)]);
         // The transceiver transmits, but its receive output stays recessive.
-        let transceiver = |hears| Fault::Transceiver {
+        let transceiver = |receive_enabled| Fault::Transceiver {
             node: 0,
-            sends: true,
-            hears,
+            transmit_enabled: true,
+            receive_enabled,
         };
         let at = Time::from_micros;
         bench.wire.inject(at(200), transceiver(false));
@@ -335,7 +335,7 @@ fn bus_off_recovers_automatically_or_by_the_program() {
 
 #[test]
 fn fourth_frame_overruns_the_fifo_and_is_a_finding() {
-    let mut bench = Bench::joined(1, true);
+    let mut bench = CanBench::joined(1, true);
     bench.board().write(&[(IER, FFIE[0])]);
     for id in 0..4 {
         bench.other.send(Time(0), Frame::new(Id::Standard(id), &[]));
@@ -346,7 +346,7 @@ fn fourth_frame_overruns_the_fifo_and_is_a_finding() {
     let board = bench.board();
     assert_eq!(board.read(RF0R), 3 | FULL | FOVR);
     assert_eq!(board.part.lost(), 1);
-    assert_eq!(board.found(Kind::Lost), 1);
+    assert_eq!(board.found(FindingKind::Lost), 1);
     board.write(&[(RF0R, FULL)]);
     assert!(!board.shared.is_high(Interrupt::Can1Rx0));
     board.write(&[(IER, FOVIE[0])]);
@@ -362,7 +362,7 @@ fn fourth_frame_overruns_the_fifo_and_is_a_finding() {
 
 #[test]
 fn forbidden_writes_are_findings_without_effect() {
-    let mut bench = Bench::joined(1, false);
+    let mut bench = CanBench::joined(1, false);
     let board = bench.board();
     let btr = board.read(BTR);
     board.write(&[(BTR, 7)]);
@@ -374,21 +374,21 @@ fn forbidden_writes_are_findings_without_effect() {
     board.request(0, 0x100, 1);
     board.write(&[(MAILBOXES + 8, 2)]);
     assert_eq!(board.read(MAILBOXES + 8), 1);
-    assert_eq!(board.found(Kind::Forbidden), 4);
+    assert_eq!(board.found(FindingKind::Forbidden), 4);
     board.write(&[(MCR, ABOM | TTCM)]);
-    assert_eq!(board.found(Kind::Forbidden), 5);
-    assert_eq!(board.found(Kind::ClockLimit), 0);
+    assert_eq!(board.found(FindingKind::Forbidden), 5);
+    assert_eq!(board.found(FindingKind::ClockLimit), 0);
     // Reset value of BTR: 42 MHz divided by eight.
-    let mut bench = Bench::new(1);
+    let mut bench = CanBench::new(1);
     let board = bench.board();
     board.write(&[(BTR, 0x0123_0000), (MCR, ABOM)]);
     bench.run(100);
-    assert_eq!(bench.board().found(Kind::ClockLimit), 1);
+    assert_eq!(bench.board().found(FindingKind::ClockLimit), 1);
 }
 
 #[test]
 fn leaving_the_bus_waits_for_the_end_of_the_frame() {
-    let mut bench = Bench::joined(1, true);
+    let mut bench = CanBench::joined(1, true);
     bench.board().request(0, 0x100, 0);
     bench.run(120);
     bench.board().write(&[(MCR, INRQ | ABOM)]);
@@ -401,7 +401,7 @@ fn leaving_the_bus_waits_for_the_end_of_the_frame() {
 
 #[test]
 fn reset_aborts_a_frame_in_progress() {
-    let mut bench = Bench::joined(2, false);
+    let mut bench = CanBench::joined(2, false);
     bench.board().request(0, 0x100, 0);
     bench.run(120);
     let board = bench.board();
@@ -416,7 +416,7 @@ fn reset_aborts_a_frame_in_progress() {
 
 #[test]
 fn enabling_an_unmodelled_feature_is_a_finding() {
-    let mut bench = Bench::new(1);
+    let mut bench = CanBench::new(1);
     let board = bench.board();
     for (offset, value) in [
         (BTR, SILM | 4 << 16 | 5),
@@ -432,5 +432,5 @@ fn enabling_an_unmodelled_feature_is_a_finding() {
         board.write(&[(MCR, INRQ | ABOM), (offset, value)]);
     }
     // One finding each for BTR, IER, MCR and the filters.
-    assert_eq!(board.found(Kind::NotModelled), 4);
+    assert_eq!(board.found(FindingKind::NotModelled), 4);
 }

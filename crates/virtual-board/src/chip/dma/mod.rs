@@ -21,7 +21,7 @@ use super::interrupt::Interrupt;
 use super::register::{Register, word};
 use super::shared::Shared;
 use crate::core::Width;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use stream::*;
 
 macro_rules! streams {
@@ -68,7 +68,7 @@ pub(crate) struct Dma {
     controller: Controller,
     streams: [Stream; 8],
     /// Stream assigned to each request.
-    listeners: [Option<usize>; Request::COUNT],
+    assigned_streams: [Option<usize>; Request::COUNT],
 }
 
 impl Dma {
@@ -77,7 +77,7 @@ impl Dma {
         Self {
             controller,
             streams: [Stream::new(); 8],
-            listeners: [None; Request::COUNT],
+            assigned_streams: [None; Request::COUNT],
         }
     }
 
@@ -86,8 +86,8 @@ impl Dma {
     }
 
     /// Stream assigned to a request.
-    pub fn listener(&self, request: Request) -> Option<usize> {
-        self.listeners[request as usize]
+    pub fn assigned_stream(&self, request: Request) -> Option<usize> {
+        self.assigned_streams[request as usize]
     }
 
     /// Next item of a stream: source, destination, width.
@@ -106,10 +106,10 @@ impl Dma {
                 "{}: bus error from {from:#010x} to {to:#010x}",
                 self.name(stream)
             );
-            shared.note(Kind::Fault, text);
+            shared.note(FindingKind::Fault, text);
         }
         if ended || !done {
-            self.listen();
+            self.assign_streams();
         }
         if self.streams[stream].flags != 0 {
             self.line(stream, shared);
@@ -118,12 +118,12 @@ impl Dma {
     }
 
     /// Updates the assignment of streams to requests.
-    fn listen(&mut self) {
-        self.listeners = [None; Request::COUNT];
+    fn assign_streams(&mut self) {
+        self.assigned_streams = [None; Request::COUNT];
         for &(controller, stream, channel, request) in REQUESTS.iter().rev() {
             let s = &self.streams[stream];
             if controller == self.controller && s.is_on() && s.channel() == channel && s.ndtr > 0 {
-                self.listeners[request as usize] = Some(stream);
+                self.assigned_streams[request as usize] = Some(stream);
             }
         }
     }
@@ -158,7 +158,7 @@ impl Dma {
             if value & EN == 0 {
                 // According to the manual, TCIF shows that the last transfer has ended.
                 s.flags |= TCIF;
-                self.listen();
+                self.assign_streams();
             }
         } else {
             s.cr = value & !EN;
@@ -166,14 +166,14 @@ impl Dma {
                 let s = &mut self.streams[k];
                 s.cr |= EN;
                 s.begin();
-                self.listen();
+                self.assign_streams();
             }
         }
         self.line(k, shared);
     }
 
     fn refuse(&self, k: usize, why: &str, shared: &mut Shared) {
-        shared.note(Kind::Forbidden, format!("{}: {why}", self.name(k)));
+        shared.note(FindingKind::Forbidden, format!("{}: {why}", self.name(k)));
     }
 
     /// Checks the setup of a stream; true if the stream starts.
@@ -186,7 +186,10 @@ impl Dma {
         let unknown = PFCTRL | PINC | DBM | BURSTS;
         if s.cr & DIR > TO_PERIPHERAL || s.cr & unknown != 0 || s.fcr & DMDIS != 0 {
             let what = "FIFO, double buffers, memory to memory, PINC, flow control, bursts";
-            shared.note(Kind::NotModelled, format!("{}: {what}", self.name(k)));
+            shared.note(
+                FindingKind::NotModelled,
+                format!("{}: {what}", self.name(k)),
+            );
             return false;
         }
         if s.ndtr == 0 {
@@ -195,7 +198,7 @@ impl Dma {
         let width = s.width().bytes();
         if !s.peripheral.is_multiple_of(width) || !s.memory[0].is_multiple_of(width) {
             let text = format!("{}: an address is not aligned to its width", self.name(k));
-            shared.note(Kind::Alignment, text);
+            shared.note(FindingKind::Alignment, text);
         }
         true
     }

@@ -30,7 +30,7 @@ pub(super) struct Stream {
     /// Items in a block.
     block: u32,
     /// Increment of the memory address since the start of the block, bytes.
-    along: u32,
+    byte_offset: u32,
 }
 
 impl Stream {
@@ -67,12 +67,12 @@ impl Stream {
 
     /// Starts a block when the stream is enabled.
     pub fn begin(&mut self) {
-        (self.block, self.along) = (self.ndtr, 0);
+        (self.block, self.byte_offset) = (self.ndtr, 0);
     }
 
     /// Next item: source, destination, width.
     pub fn item(&self) -> (u32, u32, Width) {
-        let memory = self.memory[0].wrapping_add(self.along);
+        let memory = self.memory[0].wrapping_add(self.byte_offset);
         match self.cr & DIR {
             TO_PERIPHERAL => (memory, self.peripheral, self.width()),
             _ => (self.peripheral, memory, self.width()),
@@ -83,7 +83,7 @@ impl Stream {
     pub fn moved(&mut self) -> bool {
         self.ndtr -= 1;
         if self.cr & MINC != 0 {
-            self.along += self.width().bytes();
+            self.byte_offset += self.width().bytes();
         }
         if self.ndtr == self.block / 2 {
             self.flags |= HTIF;
@@ -93,7 +93,7 @@ impl Stream {
         }
         self.flags |= TCIF;
         if self.cr & CIRC != 0 {
-            (self.ndtr, self.along) = (self.block, 0);
+            (self.ndtr, self.byte_offset) = (self.block, 0);
         } else {
             self.cr &= !EN;
         }

@@ -14,13 +14,13 @@ const M0AR: u32 = 0x1c;
 const FCR: u32 = 0x24;
 
 /// Stream 0 of DMA2 with ADC1 on channel 0.
-struct Bench {
+struct DmaBench {
     dma: Dma,
     shared: Shared,
     broken: bool,
 }
 
-impl Bench {
+impl DmaBench {
     fn new(items: u32, fcr: u32, cr: u32) -> Self {
         let mut bench = Self {
             dma: Dma::new(Controller::Dma2),
@@ -43,8 +43,8 @@ impl Bench {
     }
 
     /// Serves a request of ADC1: the item moved and true if a block ended; `None` if no stream is assigned.
-    fn ask(&mut self) -> Option<((u32, u32, Width), bool)> {
-        let stream = self.dma.listener(Request::Adc1)?;
+    fn request(&mut self) -> Option<((u32, u32, Width), bool)> {
+        let stream = self.dma.assigned_stream(Request::Adc1)?;
         let item = self.dma.item(stream);
         let ended = self.dma.moved(stream, !self.broken, &mut self.shared);
         Some((item, ended))
@@ -65,14 +65,14 @@ impl Bench {
 
 #[test]
 fn circular_stream_flags_half_and_full_transfer() {
-    let mut bench = Bench::new(4, 0, HTIE | TCIE | CIRC | MINC | HALVES);
-    let mut seen = Vec::new();
+    let mut bench = DmaBench::new(4, 0, HTIE | TCIE | CIRC | MINC | HALVES);
+    let mut transfers = Vec::new();
     for _ in 0..6 {
-        let ((from, place, width), ended) = bench.ask().unwrap();
+        let ((from, place, width), ended) = bench.request().unwrap();
         assert_eq!((from, width), (PERIPHERAL, Width::Half));
         let flags = bench.flags();
         assert_eq!(bench.interrupted(), flags != 0);
-        seen.push((place - FIRST, flags, ended, bench.read(NDTR)));
+        transfers.push((place - FIRST, flags, ended, bench.read(NDTR)));
         bench.clear();
     }
     let expected = [
@@ -83,22 +83,22 @@ fn circular_stream_flags_half_and_full_transfer() {
         (0, 0, false, 3),
         (2, HTIF, false, 2),
     ];
-    assert_eq!(seen, expected);
-    assert!(bench.dma.listener(Request::Usart3Rx).is_none());
+    assert_eq!(transfers, expected);
+    assert!(bench.dma.assigned_stream(Request::Usart3Rx).is_none());
 }
 
 #[test]
 fn single_block_moves_in_both_directions_and_ends() {
     for direction in [0, TO_PERIPHERAL] {
-        let mut bench = Bench::new(2, 0, direction | MINC | HALVES);
+        let mut bench = DmaBench::new(2, 0, direction | MINC | HALVES);
         for (memory, ends) in [(FIRST, false), (FIRST + 2, true)] {
             let (from, to) = match direction {
                 0 => (PERIPHERAL, memory),
                 _ => (memory, PERIPHERAL),
             };
-            assert_eq!(bench.ask(), Some(((from, to, Width::Half), ends)));
+            assert_eq!(bench.request(), Some(((from, to, Width::Half), ends)));
         }
-        assert_eq!(bench.ask(), None);
+        assert_eq!(bench.request(), None);
         assert_eq!((bench.read(CR) & EN, bench.read(NDTR)), (0, 0));
         assert_eq!(bench.flags(), HTIF | TCIF);
         assert!(!bench.interrupted());
@@ -117,71 +117,71 @@ fn requests_are_routed_to_the_streams_of_the_manual() {
         let base = 0x18 * stream as u32;
         dma.write(base + NDTR, 1, !0, &mut shared);
         dma.write(base + CR, channel << 25 | EN, !0, &mut shared);
-        assert_eq!(dma.listener(request), Some(stream));
+        assert_eq!(dma.assigned_stream(request), Some(stream));
         dma.write(base + CR, 0, !0, &mut shared);
-        assert_eq!(dma.listener(request), None);
+        assert_eq!(dma.assigned_stream(request), None);
     }
 }
 
 #[test]
 fn running_stream_rejects_setup_and_stops_when_disabled() {
-    let mut bench = Bench::new(4, 0, CIRC | MINC | HALVES);
+    let mut bench = DmaBench::new(4, 0, CIRC | MINC | HALVES);
     for (offset, value) in [(NDTR, 9), (PAR, 0), (M0AR, 0), (FCR, 4), (CR, EN)] {
         let before = bench.read(offset);
         bench.write(&[(offset, value)]);
         assert_eq!(bench.read(offset), before);
     }
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
-    bench.ask();
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden]);
+    bench.request();
     let cr = bench.read(CR);
     bench.write(&[(CR, cr & !EN)]);
     assert_eq!((bench.flags(), bench.read(NDTR)), (TCIF, 3));
-    assert_eq!(bench.ask(), None);
+    assert_eq!(bench.request(), None);
 }
 
 #[test]
 fn stream_with_flags_set_does_not_start() {
-    let mut bench = Bench::new(4, 0, MINC | HALVES);
+    let mut bench = DmaBench::new(4, 0, MINC | HALVES);
     let cr = bench.read(CR);
     bench.write(&[(CR, cr & !EN), (CR, cr)]);
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden]);
     assert_eq!(bench.read(CR) & EN, 0);
     bench.clear();
     bench.write(&[(CR, cr)]);
     assert_eq!(bench.read(CR) & EN, EN);
-    assert_eq!(bench.ask().unwrap().0.1, FIRST);
+    assert_eq!(bench.request().unwrap().0.1, FIRST);
 }
 
 #[test]
 fn bus_error_stops_the_stream() {
-    let mut bench = Bench::new(4, 0, TEIE | CIRC | MINC | HALVES);
+    let mut bench = DmaBench::new(4, 0, TEIE | CIRC | MINC | HALVES);
     bench.broken = true;
-    assert!(!bench.ask().unwrap().1);
+    assert!(!bench.request().unwrap().1);
     assert_eq!((bench.flags(), bench.read(CR) & EN), (TEIF, 0));
     assert!(bench.interrupted());
-    assert_eq!(bench.ask(), None);
-    assert_eq!(bench.shared.kinds(), [Kind::Fault]);
+    assert_eq!(bench.request(), None);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Fault]);
 }
 
 #[test]
 fn unmodelled_or_wrong_setup_of_a_stream_is_a_finding() {
     for (cr, kind, starts) in [
-        (2 << 6, Kind::NotModelled, false),
-        (PFCTRL, Kind::NotModelled, false),
-        (1 << 23, Kind::NotModelled, false),
-        (DBM, Kind::NotModelled, false),
-        (PINC, Kind::NotModelled, false),
-        (2 << 11, Kind::Alignment, true),
+        (2 << 6, FindingKind::NotModelled, false),
+        (PFCTRL, FindingKind::NotModelled, false),
+        (1 << 23, FindingKind::NotModelled, false),
+        (DBM, FindingKind::NotModelled, false),
+        (PINC, FindingKind::NotModelled, false),
+        (2 << 11, FindingKind::Alignment, true),
     ] {
-        let mut bench = Bench::new(4, 0, 0);
+        let mut bench = DmaBench::new(4, 0, 0);
         bench.write(&[(CR, 0), (PAR, PERIPHERAL + 2)]);
         bench.clear();
         bench.write(&[(CR, cr | EN)]);
         assert_eq!(bench.shared.kinds(), [kind], "{cr:#x}");
         assert_eq!(bench.read(CR) & EN != 0, starts);
     }
-    let bench = Bench::new(0, 0, 0);
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
-    let bench = Bench::new(4, DMDIS, 0);
-    assert_eq!(bench.shared.kinds(), [Kind::NotModelled]);
+    let bench = DmaBench::new(0, 0, 0);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden]);
+    let bench = DmaBench::new(4, DMDIS, 0);
+    assert_eq!(bench.shared.kinds(), [FindingKind::NotModelled]);
 }

@@ -61,7 +61,7 @@ impl<const N: usize> Cache<N> {
     #[inline]
     fn touch(&mut self, entry: usize) {
         if self.used == REMEMBERED {
-            self.forget();
+            self.invalidate();
         }
         self.latest[entry] = self.used as u16;
         self.uses[self.used % REMEMBERED] = entry as u8;
@@ -71,7 +71,7 @@ impl<const N: usize> Cache<N> {
     /// Compacts the log to the latest use of each entry.
     #[cold]
     #[inline(never)]
-    fn forget(&mut self) {
+    fn invalidate(&mut self) {
         let mut order: [u8; N] = std::array::from_fn(|entry| entry as u8);
         order.sort_unstable_by_key(|&entry| self.latest[usize::from(entry)]);
         for (at, entry) in (0..).zip(order) {

@@ -23,7 +23,7 @@ use super::map::Unit;
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
 use crate::core::{Transfer, Width};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER, Time};
 use accelerator::Accelerator;
 use layout::{BASE, LENGTH, PROGRAM, Parallelism, SECTORS};
@@ -197,8 +197,8 @@ impl Flash {
         }
         let line = place / 16;
         let bytes = &self.bytes[16 * line..16 * line + 16];
-        let seen = self.accelerator.load(line as u32, bytes, cycle);
-        Some(super::bus::get(seen, place % 16, at.width))
+        let loaded = self.accelerator.load(line as u32, bytes, cycle);
+        Some(super::bus::get(loaded, place % 16, at.width))
     }
 
     /// Stalls the core until the operation has ended.
@@ -250,14 +250,14 @@ impl Flash {
         if self.cr & ERRIE != 0 {
             self.sr |= OPERR;
         }
-        shared.note(Kind::Forbidden, text);
+        shared.note(FindingKind::Forbidden, text);
         self.line(shared);
     }
 
     fn begin(&mut self, operation: Operation, takes: Time, shared: &mut Shared) {
         if shared.clocks.hclk_hz < SLOWEST_HZ {
             let text = "flash operation with a core's clock below 1 MHz";
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
         }
         self.begun.push(FlashOperation {
             at: shared.time(),
@@ -289,12 +289,12 @@ impl Flash {
 
     /// Notes a supply too low for the selected parallelism. The operation continues, because the chip does not check
     /// the supply.
-    fn judge_supply(&self, shared: &mut Shared) {
+    fn check_supply(&self, shared: &mut Shared) {
         let parallelism = self.parallelism();
         if !parallelism.is_allowed(shared.volts) {
             let (bits, volts) = (8 << parallelism.0, shared.volts);
             let text = format!("flash operation by {bits} bits at a supply of {volts:.2} V");
-            shared.note(Kind::Forbidden, text);
+            shared.note(FindingKind::Forbidden, text);
         }
     }
 
@@ -321,7 +321,7 @@ impl Flash {
             let text = "flash written in another width than PSIZE says".to_owned();
             self.refuse(PGPERR, text, shared);
         } else {
-            self.judge_supply(shared);
+            self.check_supply(shared);
             let before = self.peek(address, width).unwrap_or(0) & width.mask();
             let operation = Operation::Program {
                 place,
@@ -339,7 +339,7 @@ impl Flash {
             let text = format!("flash sector {number} erased: there are {SECTORS}");
             return self.refuse(PGSERR, text, shared);
         };
-        self.judge_supply(shared);
+        self.check_supply(shared);
         let takes = self.parallelism().sector(number);
         self.begin(Operation::Erase { first, last }, takes, shared);
     }
@@ -390,7 +390,10 @@ impl Peripheral for Flash {
                 self.line(shared);
             }
             0x10 => self.write_cr(merge(self.cr, value, mask), shared),
-            _ => shared.note(Kind::NotModelled, "FLASH: the program writes option bytes"),
+            _ => shared.note(
+                FindingKind::NotModelled,
+                "FLASH: the program writes option bytes",
+            ),
         }
     }
 

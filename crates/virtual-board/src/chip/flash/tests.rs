@@ -98,7 +98,7 @@ fn each_error_sets_its_flag() {
     flash.write(0x10, MER | STRT, !0, &mut shared);
     flash.write(0x08, 1, !0, &mut shared);
     assert_eq!(flash.read(0x0c, &mut shared) & BSY, 0);
-    assert_eq!(shared.kinds()[2..], [Kind::NotModelled; 2]);
+    assert_eq!(shared.kinds()[2..], [FindingKind::NotModelled; 2]);
     assert_eq!(flash.peek(BASE + 0x2_0000, Width::Word), Some(!0));
 }
 

@@ -16,7 +16,7 @@ impl Flash {
                 *given = Keys::Broken;
                 shared.bus_error = true;
                 let text = "flash: a wrong key, locked until the next reset";
-                shared.note(Kind::Forbidden, text);
+                shared.note(FindingKind::Forbidden, text);
             }
         }
         false
@@ -34,13 +34,13 @@ impl Flash {
     pub(super) fn write_cr(&mut self, value: u32, shared: &mut Shared) {
         self.wait(shared);
         if self.cr & LOCK != 0 {
-            return shared.note(Kind::Forbidden, "FLASH_CR written while locked");
+            return shared.note(FindingKind::Forbidden, "FLASH_CR written while locked");
         }
         self.cr = value & !STRT;
         if value & STRT != 0 {
             match value & (SER | MER) {
                 SER => self.erase_sector(shared),
-                MER => shared.note(Kind::NotModelled, "FLASH: all is erased at once"),
+                MER => shared.note(FindingKind::NotModelled, "FLASH: all is erased at once"),
                 _ => {
                     let text = "FLASH_CR: STRT without one of SER and MER".to_owned();
                     self.refuse(PGSERR, text, shared);
@@ -54,7 +54,7 @@ impl Flash {
         for (reset, on, name) in [(ICRST, ICEN, "instruction"), (DCRST, DCEN, "data")] {
             if value & reset != 0 && self.acr & on != 0 {
                 let text = format!("FLASH_ACR: the {name} cache is reset while it is on");
-                shared.note(Kind::Forbidden, text);
+                shared.note(FindingKind::Forbidden, text);
                 value &= !reset;
             }
         }

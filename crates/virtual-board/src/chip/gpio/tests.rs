@@ -65,7 +65,7 @@ fn reset_releases_the_chips_pins_and_keeps_the_circuits_drives() {
     let mut after = Gpio::default();
     after.begin(&gpio, &mut shared);
     assert!(shared.effects.contains(&Effect::Driven(PB13, Drive::Open)));
-    assert_eq!(after.world[Pin::new('C', 13).index()], Drive::Low);
+    assert_eq!(after.circuit[Pin::new('C', 13).index()], Drive::Low);
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn driving_a_board_net_is_a_finding_except_led_and_button() {
     }
     const PORT_C: u32 = 0x800;
     let (mut gpio, mut shared) = (Gpio::default(), shared());
-    shared.replace_world(Box::new(Bare405));
+    shared.replace_circuit(Box::new(Bare405));
     gpio.begin(&Gpio::default(), &mut shared);
     gpio.external(Pin::new('A', 0), Drive::High, &mut shared);
     gpio.write(PORT_C, 1 << 24 | 1 << 10, !0, &mut shared);

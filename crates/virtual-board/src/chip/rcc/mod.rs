@@ -21,7 +21,7 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge, narrow};
 use super::shared::Shared;
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::{NEVER, Time};
 use tree::Pll;
 
@@ -173,7 +173,7 @@ impl Rcc {
             RESET_PULSE
         };
         self.release = Some(shared.time() + delay);
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 
     /// True if the core stands still: the reset is not released yet, or the core clock has failed.
@@ -219,12 +219,12 @@ impl Rcc {
         if self.pll_source() == CRYSTAL {
             self.oscillators[PLL] = Oscillator::default();
         }
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
         if ran && self.reg(0) & CSSON != 0 {
             self.take_over(used, shared);
         } else if used {
             let text = "the crystal failed without clock security: the core stands still";
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
             self.stalled = true;
             shared.effect(Effect::Frequency(STALLED_HZ));
         }
@@ -283,10 +283,10 @@ impl Rcc {
             _ => SLOW_START,
         };
         self.oscillators[which].due = Some(shared.time() + after);
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 
-    fn plan(&self, shared: &mut Shared) {
+    fn update_rtc_clock_and_schedule(&self, shared: &mut Shared) {
         let divider = u64::from(self.reg(8) >> 16 & 31);
         let hz = shared.variation.crystal_hz;
         let divided = Time(divider * 1_000_000_000_000 / hz.max(1));
@@ -309,7 +309,7 @@ impl Rcc {
         let system_hz = self.source_hz(self.system, shared);
         let clocks = tree::clocks(self.reg(8), system_hz);
         for text in tree::too_fast(&clocks, system_hz) {
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
         }
         if clocks != self.clocks {
             self.clocks = clocks;
@@ -330,7 +330,7 @@ impl Rcc {
             }
             if self.is_used(which) {
                 let text = "the oscillator that the core runs on is switched off";
-                shared.note(Kind::Forbidden, text);
+                shared.note(FindingKind::Forbidden, text);
                 value |= bit;
             } else {
                 self.oscillators[which] = Oscillator::default();
@@ -348,46 +348,46 @@ impl Rcc {
             ),
         ] {
             if changed {
-                shared.note(Kind::NotModelled, text);
+                shared.note(FindingKind::NotModelled, text);
             }
         }
         *self.reg_mut(0) = value & (HSION | TRIM | HSEON | HSEBYP | CSSON | PLLON | PLLI2SON);
         if value & !old & PLLON != 0 {
-            self.judge_pll(shared);
+            self.check_pll(shared);
         }
         for (which, bit) in enables {
             if value & !old & bit != 0 {
                 self.start(which, shared);
             }
         }
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 
     /// Checks the settings of the PLL when it is switched on.
-    fn judge_pll(&self, shared: &mut Shared) {
+    fn check_pll(&self, shared: &mut Shared) {
         for text in self.pll(shared).violations() {
-            shared.note(Kind::ClockLimit, text);
+            shared.note(FindingKind::ClockLimit, text);
         }
         if !self.oscillators[self.pll_source()].ready {
             let text = "PLL switched on before its source is ready";
-            shared.note(Kind::Forbidden, text);
+            shared.note(FindingKind::Forbidden, text);
         }
     }
 
     fn write_cfgr(&mut self, mut value: u32, shared: &mut Shared) {
         let old = self.reg(8);
         if (value ^ old) & 0xffe0_0000 != 0 {
-            shared.note(Kind::NotModelled, "clock outputs MCO, clock of I2S");
+            shared.note(FindingKind::NotModelled, "clock outputs MCO, clock of I2S");
         }
         if value & 3 == 3 {
-            shared.note(Kind::Forbidden, "RCC_CFGR: SW = 3");
+            shared.note(FindingKind::Forbidden, "RCC_CFGR: SW = 3");
             value = merge(value, old, 3);
         }
         *self.reg_mut(8) = value & !0xc;
         if !self.follow_switch(shared) && (value ^ old) & 0xfcf0 != 0 {
             self.update(shared);
         }
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 
     /// Switches to the requested oscillator once it is ready; true if switched.
@@ -407,7 +407,7 @@ impl Rcc {
             return;
         }
         if value & 1 != 0 {
-            shared.note(Kind::NotModelled, "the low-speed crystal");
+            shared.note(FindingKind::NotModelled, "the low-speed crystal");
         }
         // Once selected, the source is fixed; drivers of the family write other values without harm.
         let source = match old & RTCSEL {
@@ -426,7 +426,7 @@ impl Rcc {
             self.start(SLOW, shared);
         } else if value & 1 == 0 {
             self.oscillators[SLOW] = Oscillator::default();
-            self.plan(shared);
+            self.update_rtc_clock_and_schedule(shared);
         }
     }
 
@@ -453,7 +453,7 @@ impl Rcc {
     }
 
     /// Sets an oscillator ready.
-    fn come_up(&mut self, which: usize, shared: &mut Shared) {
+    fn set_ready(&mut self, which: usize, shared: &mut Shared) {
         self.oscillators[which] = Oscillator {
             ready: true,
             due: None,
@@ -490,7 +490,10 @@ impl Peripheral for Rcc {
         match offset {
             0x00 => self.write_cr(value, shared),
             0x04 if old != value && self.reg(0) & PLLON != 0 => {
-                shared.note(Kind::Forbidden, "RCC_PLLCFGR written while the PLL is on");
+                shared.note(
+                    FindingKind::Forbidden,
+                    "RCC_PLLCFGR written while the PLL is on",
+                );
             }
             0x08 => self.write_cfgr(value, shared),
             0x0c => {
@@ -501,7 +504,9 @@ impl Peripheral for Rcc {
             0x10..=0x24 => self.write_reset(offset, value, shared),
             BDCR => self.write_backup(value, shared),
             CSR => self.write_csr(value, shared),
-            0x80 if value & 1 << 31 != 0 => shared.note(Kind::NotModelled, "spread spectrum"),
+            0x80 if value & 1 << 31 != 0 => {
+                shared.note(FindingKind::NotModelled, "spread spectrum")
+            }
             _ => *self.reg_mut(offset) = value,
         }
     }
@@ -514,16 +519,16 @@ impl Peripheral for Rcc {
         }
         for which in [INTERNAL, CRYSTAL, PLL, SLOW] {
             if is_due(self.oscillators[which].due) {
-                self.come_up(which, shared);
+                self.set_ready(which, shared);
             }
         }
         self.follow_switch(shared);
         self.line(shared);
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 
     fn clocks_changed(&mut self, shared: &mut Shared) {
-        self.plan(shared);
+        self.update_rtc_clock_and_schedule(shared);
     }
 }
 

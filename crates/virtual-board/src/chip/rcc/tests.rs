@@ -27,7 +27,7 @@ fn bus_clock_beyond_its_limit_is_a_finding() {
     start(&mut rcc, &mut shared);
     // APB1 at 84 MHz.
     rcc.write(0x08, 0x0000_9002, !0, &mut shared);
-    assert_eq!(shared.kinds(), [Kind::ClockLimit]);
+    assert_eq!(shared.kinds(), [FindingKind::ClockLimit]);
     let found = &shared.findings.list()[0];
     assert!(found.text.contains("PCLK1 84000000"), "{found:?}");
 }
@@ -101,7 +101,7 @@ fn reset_bit_resets_its_peripheral_when_it_rises() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x20, 1 << 25, !0, &mut shared);
     rcc.write(0x20, 1 << 25 | 1, !0, &mut shared);
-    let told = [
+    let expected = [
         Effect::ResetUnit {
             register: 0x40,
             bit: 25,
@@ -111,7 +111,7 @@ fn reset_bit_resets_its_peripheral_when_it_rises() {
             bit: 0,
         },
     ];
-    assert!(shared.effects.iter().eq(&told));
+    assert!(shared.effects.iter().eq(&expected));
     assert!(rcc.is_in_reset(0x40, 25) && !rcc.is_in_reset(0x40, 1));
 }
 

@@ -106,8 +106,8 @@ pub(super) fn too_fast(clocks: &Clocks, system_hz: u64) -> Vec<String> {
         ("PCLK2", clocks.hclk_hz / clocks.apb2, 84_000_000),
     ]
     .into_iter()
-    .filter(|(_, hz, most)| hz > most)
-    .map(|(name, hz, most)| format!("{name} {hz} Hz: must be at most {most} Hz"))
+    .filter(|(_, hz, max_hz)| hz > max_hz)
+    .map(|(name, hz, max_hz)| format!("{name} {hz} Hz: must be at most {max_hz} Hz"))
     .collect()
 }
 

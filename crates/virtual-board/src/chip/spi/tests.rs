@@ -1,6 +1,6 @@
 use super::*;
 use crate::chip::circuit::Circuit;
-use crate::chip::testing::Bench;
+use crate::chip::testing::PeripheralBench;
 use crate::time::Time;
 
 const CR1: u32 = 0;
@@ -25,11 +25,11 @@ impl Circuit for Mirror {
     }
 }
 
-fn disabled() -> Bench<Spi> {
-    Bench::around(Mirror::default(), Unit::Spi1, Spi::after_reset())
+fn disabled() -> PeripheralBench<Spi> {
+    PeripheralBench::around(Mirror::default(), Unit::Spi1, Spi::after_reset())
 }
 
-fn enabled() -> Bench<Spi> {
+fn enabled() -> PeripheralBench<Spi> {
     let mut bench = disabled();
     bench.write(&[(CR1, MASTER), (CR1, MASTER | SPE)]);
     bench.shared.effects.clear();
@@ -51,7 +51,7 @@ fn word_is_received_half_a_bit_before_its_end() {
     bench.run(8 * BIT);
     assert_eq!(bench.read(SR), TXE);
     let end = bench.shared.base.time_of(8 * BIT);
-    assert_eq!(bench.world::<Mirror>().words, [(0x5a, 8, end)]);
+    assert_eq!(bench.circuit::<Mirror>().words, [(0x5a, 8, end)]);
     assert!(bench.shared.kinds().is_empty());
 }
 
@@ -79,7 +79,7 @@ fn words_of_16_bits_transfer_and_pins_are_checked_once() {
     bench.write(&[(CR1, cr1), (CR1, cr1 | SPE), (DR, 0x1234)]);
     bench.run(16 * BIT);
     assert_eq!(bench.read(DR), 0xedcb);
-    assert_eq!(bench.world::<Mirror>().words[0].1, 16);
+    assert_eq!(bench.circuit::<Mirror>().words[0].1, 16);
     // The signals are not checked again.
     bench.write(&[(CR1, cr1), (CR1, cr1 | SPE)]);
     let signals = [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi];
@@ -93,7 +93,7 @@ fn unread_word_is_an_overrun() {
     bench.run(16 * BIT);
     assert_eq!(bench.read(SR), TXE | RXNE | OVR);
     assert_ne!(bench.shared.lines, 0);
-    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
     // The first word stays; reading DR and then SR clears the flag.
     assert_eq!(bench.read(DR), 0xfe);
     assert_eq!(bench.read(SR), TXE | OVR);
@@ -104,9 +104,9 @@ fn unread_word_is_an_overrun() {
 fn misuse_of_the_spi_is_a_finding() {
     let mut bench = enabled();
     bench.write(&[(DR, 1), (CR1, MASTER)]);
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden]);
     bench.write(&[(DR, 1)]);
-    assert_eq!(bench.shared.kinds(), [Kind::Forbidden; 2]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden; 2]);
     // A low select input disables the master.
     bench.write(&[(CR1, (MASTER & !SSI) | SPE)]);
     assert_eq!(bench.read(SR) & MODF, MODF);
@@ -114,13 +114,13 @@ fn misuse_of_the_spi_is_a_finding() {
     bench.write(&[(CR1, 0)]);
     assert_eq!(bench.read(SR) & MODF, 0);
     bench.write(&[(CR1, SSM | SSI | SPE)]);
-    assert_eq!(bench.shared.kinds().last(), Some(&Kind::NotModelled));
+    assert_eq!(bench.shared.kinds().last(), Some(&FindingKind::NotModelled));
     let mut bench = disabled();
     bench.write(&[(CR2, TXDMAEN), (CR1, LSBFIRST)]);
-    assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::NotModelled; 2]);
     // The highest PCLK2, divided by two.
     let mut bench = disabled();
     bench.shared.clocks.apb2 = 1;
     bench.write(&[(CR1, MSTR | SSM | SSI | SPE)]);
-    assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::ClockLimit]);
 }

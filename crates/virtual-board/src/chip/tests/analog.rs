@@ -21,7 +21,7 @@ const RING: u32 = 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3;
 /// Duration of a cycle, ps.
 const CYCLE_PS: u64 = 62_500;
 
-impl Bench {
+impl ChipBench {
     /// A chip without converter noise, 100 000 cycles after power-on.
     fn precise() -> Self {
         let part = ChipVariation {
@@ -37,7 +37,7 @@ impl Bench {
     /// Schedules changes of pins at these cycles.
     fn script(&mut self, script: &[(Cycles, Pin, Drive)]) {
         let change = |&(at, pin, drive)| (Time(at * CYCLE_PS), Change::Pin(pin, drive));
-        self.world().due.extend(script.iter().map(change));
+        self.circuit().due.extend(script.iter().map(change));
         self.chip.refresh();
     }
 
@@ -65,8 +65,8 @@ impl Bench {
 
     /// Changes of a pin's drive from cycle `since` on; their cycles are relative to `since`.
     fn drives(&mut self, of: Pin, since: Cycles) -> Vec<(Cycles, Drive)> {
-        let heard = self.world().heard.iter();
-        let of_pin = heard.filter(|(_, pin, _)| *pin == of);
+        let changes = self.circuit().drives.iter();
+        let of_pin = changes.filter(|(_, pin, _)| *pin == of);
         let drives = of_pin.map(|(at, _, drive)| (at.0 / CYCLE_PS, *drive));
         let late = drives.filter(|(at, _)| *at >= since);
         late.map(|(at, drive)| (at - since, drive)).collect()
@@ -103,7 +103,7 @@ const PB12: Pin = Pin::new('B', 12);
 
 #[test]
 fn timer_triggered_scans_fill_a_circular_buffer() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.scans();
     let start = bench.cycle;
     bench.write_all(&[(TIM2, 1)]);
@@ -125,14 +125,15 @@ fn timer_triggered_scans_fill_a_circular_buffer() {
     assert!(!bench.line(Interrupt::Dma2Stream0));
     bench.run_to(first + 3000 + scan);
     assert_eq!(bench.read(DMA2), 1 << 5);
-    let scan = [0, 1, 2, 3, 4, 5].map(|channel| World::count(Pin::new('A', channel)) as u16);
+    let scan =
+        [0, 1, 2, 3, 4, 5].map(|channel| ScriptedCircuit::count(Pin::new('A', channel)) as u16);
     assert_eq!(bench.halves(SRAM, 24), scan.repeat(4));
     assert_eq!(bench.findings(), []);
 }
 
 #[test]
 fn converter_and_stream_stop_without_their_clocks() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.scans();
     bench.write_all(&[(TIM2, 1)]);
     bench.run_to(bench.cycle + 10_500);
@@ -152,17 +153,17 @@ fn converter_and_stream_stop_without_their_clocks() {
 
 #[test]
 fn converting_a_digital_pin_is_a_finding_once() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.scans();
     bench.write_all(&[(PORT_A, 0xa800_0fcf), (TIM2, 1)]);
     bench.run_to(bench.cycle + 5_000);
-    let found = [(Kind::Pin, "PA2 is converted and not analogue")];
+    let found = [(FindingKind::Pin, "PA2 is converted and not analogue")];
     assert_eq!(bench.findings(), found);
 }
 
 /// Sets up PWM at PA8, conversions of PC0 triggered by OC4REF, and the break input PB12, as on a motor board. Returns
 /// the cycle at which TIM1's counter starts.
-fn pulses(bench: &mut Bench) -> Cycles {
+fn pulses(bench: &mut ChipBench) -> Cycles {
     bench.write_all(&[
         (AHB1ENR, 7),
         (APB2ENR, 1 | 1 << 8),
@@ -196,7 +197,7 @@ const BDTR: u32 = 0xb400;
 
 #[test]
 fn break_stops_the_pwm_and_not_the_conversions() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.script(&[(100_000, PB12, Drive::Low)]);
     let start = pulses(&mut bench);
     bench.script(&[
@@ -222,7 +223,7 @@ fn break_stops_the_pwm_and_not_the_conversions() {
 
 #[test]
 fn reset_timer_releases_its_pin_and_keeps_the_break_level() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.script(&[(100_000, PB12, Drive::Low)]);
     let start = pulses(&mut bench);
     bench.write_all(&[(TIM1 + 0x44, BDTR)]);
@@ -237,7 +238,7 @@ fn reset_timer_releases_its_pin_and_keeps_the_break_level() {
 
 #[test]
 fn encoder_at_two_pins_is_counted() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.write_all(&[
         (AHB1ENR, 4),
         (APB1ENR, 1 << 1),
@@ -264,7 +265,7 @@ fn encoder_at_two_pins_is_counted() {
 
 #[test]
 fn halted_core_stops_the_timers_selected_in_dbgmcu() {
-    let mut bench = Bench::precise();
+    let mut bench = ChipBench::precise();
     bench.write_all(&[(APB1ENR, 3), (TIM2, 1), (TIM3, 1), (0xe004_2008, 1)]);
     let halt = bench.cycle;
     bench.chip.halt(true, halt);

@@ -8,8 +8,8 @@ const CAN1: u32 = 0x4000_6400;
 const MICRO: u64 = 16;
 
 /// A chip that has requested one transmission; its pins are routed if `pins`.
-fn sender(pins: bool) -> Bench {
-    let mut bench = Bench::new(&[]);
+fn sender(pins: bool) -> ChipBench {
+    let mut bench = ChipBench::new(&[]);
     bench.set(RCC + 0x30, 1 << 1);
     bench.set(RCC + 0x40, 1 << 25);
     if pins {
@@ -28,7 +28,7 @@ fn sender(pins: bool) -> Bench {
 }
 
 /// Frames of the chip that another node received.
-fn run(bench: &mut Bench, micros: u64) -> Vec<Frame> {
+fn run(bench: &mut ChipBench, micros: u64) -> Vec<Frame> {
     let mut other = VirtualNode::new(Settings::new(BitTiming::megabit()));
     let mut wire = Wire::new(2, Time::from_micros(20), 1);
     wire.record();
@@ -58,7 +58,7 @@ fn chip_without_routed_pins_sends_nothing_and_is_a_finding() {
     let mut bench = sender(false);
     assert_eq!(run(&mut bench, 400), []);
     let kinds: Vec<_> = bench.findings().iter().map(|(kind, _)| *kind).collect();
-    assert_eq!(kinds, [Kind::Pin; 2]);
+    assert_eq!(kinds, [FindingKind::Pin; 2]);
     assert_eq!(bench.read(CAN1 + 8) & 3, 0);
 }
 

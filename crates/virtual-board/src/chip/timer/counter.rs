@@ -35,7 +35,7 @@ pub(super) struct Counter {
     /// Core cycles in one step of the counter.
     step: u64,
     /// Largest value of the counter's width.
-    most: u32,
+    max: u32,
     /// True if the counter counts up and down alternately.
     pub centred: bool,
     /// True if the counter counts up.
@@ -47,13 +47,13 @@ pub(super) struct Counter {
 }
 
 impl Counter {
-    pub fn new(most: u32) -> Self {
+    pub fn new(max: u32) -> Self {
         Self {
-            reload: most,
+            reload: max,
             prescaler: 0,
             clock: 1,
             step: 1,
-            most,
+            max,
             centred: false,
             up: true,
             value: 0,
@@ -165,7 +165,7 @@ impl Counter {
         let (from_, reload) = (u64::from(from), u64::from(self.reload));
         let beyond = self.up && from > self.reload;
         let length = match (self.up, self.centred) {
-            (true, _) if beyond => u64::from(self.most) - from_ + 1,
+            (true, _) if beyond => u64::from(self.max) - from_ + 1,
             (true, true) => reload - from_,
             (true, false) => reload - from_ + 1,
             (false, true) => from_,
@@ -239,14 +239,14 @@ mod tests {
         (counter.reload, counter.centred) = (6, true);
         counter.start(0);
         // RM0090, figure of a centre-aligned counter with reload value 6.
-        let mut seen = Vec::new();
+        let mut values = Vec::new();
         for now in 0..14 {
             if counter.end() == Some(now) {
                 counter.next_leg(counter.turn(), now);
             }
-            seen.push(counter.value(now));
+            values.push(counter.value(now));
         }
-        assert_eq!(seen, [0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0, 1]);
+        assert_eq!(values, [0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0, 1]);
     }
 
     #[test]

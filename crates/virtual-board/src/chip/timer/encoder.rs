@@ -24,7 +24,7 @@ impl Timer {
             }
             return;
         }
-        let channels = Signal::CHANNELS[self.kind as usize];
+        let channels = Signal::CHANNELS[self.id as usize];
         let Some(which) = channels.iter().position(|&channel| channel == signal) else {
             return;
         };
@@ -57,7 +57,7 @@ impl Timer {
         let (next, turn) = match by {
             1 if count == reload => (0, Some(Turn::Overflow)),
             -1 if count == 0 => (reload, Some(Turn::Underflow)),
-            _ => (count.wrapping_add_signed(by) & self.kind.most(), None),
+            _ => (count.wrapping_add_signed(by) & self.id.max_count(), None),
         };
         self.counter.set(next, now);
         if let Some(turn) = turn {

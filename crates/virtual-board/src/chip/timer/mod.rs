@@ -34,7 +34,7 @@ use crate::time::{Cycles, NEVER};
 use counter::{Counter, Turn};
 use input::Input;
 use output::Mode;
-pub(crate) use registers::Kind;
+pub(crate) use registers::TimerId;
 use registers::*;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -61,7 +61,7 @@ struct Needs {
 
 #[derive(Clone)]
 pub(crate) struct Timer {
-    kind: Kind,
+    id: TimerId,
     /// Registers as written, by offset / 4.
     plain: [u32; COUNT],
     counter: Counter,
@@ -69,7 +69,7 @@ pub(crate) struct Timer {
     /// Overflows and underflows left until the next update.
     repetitions: u32,
     /// Compare matches up to this cycle have been applied.
-    seen: Cycles,
+    matched_until: Cycles,
     needs: Needs,
     inputs: [Input; 4],
     break_level: bool,
@@ -83,16 +83,16 @@ pub(crate) struct Timer {
 
 impl Timer {
     /// A timer after a reset.
-    pub fn new(kind: Kind) -> Self {
+    pub fn new(id: TimerId) -> Self {
         let mut plain = [0; COUNT];
-        plain[ARR as usize / 4] = kind.most();
+        plain[ARR as usize / 4] = id.max_count();
         Self {
-            kind,
+            id,
             plain,
-            counter: Counter::new(kind.most()),
+            counter: Counter::new(id.max_count()),
             channels: [Channel::default(); 4],
             repetitions: 0,
-            seen: 0,
+            matched_until: 0,
             needs: Needs::default(),
             inputs: [Input::default(); 4],
             break_level: false,
@@ -107,7 +107,7 @@ impl Timer {
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         self.sync(shared);
         let was = std::mem::replace(&mut self.frozen, frozen);
-        if was != frozen && self.kind == Kind::Tim1 {
+        if was != frozen && self.id == TimerId::Tim1 {
             self.main_changed(shared);
         }
         self.adjust(shared);
@@ -161,7 +161,7 @@ impl Timer {
 
     /// True if the outputs are enabled as a whole.
     fn main_enabled(&self) -> bool {
-        self.kind != Kind::Tim1 || self.reg(BDTR) & MOE != 0 && !self.frozen
+        self.id != TimerId::Tim1 || self.reg(BDTR) & MOE != 0 && !self.frozen
     }
 
     /// Core cycles in one period of f_DTS.
@@ -172,10 +172,10 @@ impl Timer {
     /// Applies everything that has happened up to now.
     fn sync(&mut self, shared: &mut Shared) {
         self.catch_up(shared);
-        let clock = self.kind.clock(&shared.clocks);
+        let clock = self.id.clock(&shared.clocks);
         if clock != self.counter.clock() {
             self.counter.set_clock(clock, shared.now);
-            self.seen = shared.now;
+            self.matched_until = shared.now;
         }
     }
 
@@ -185,19 +185,19 @@ impl Timer {
         let stretch = 4 * (self.reg(RCR) + 1);
         let mut legs = 0;
         while let Some(end) = self.counter.end() {
-            self.meet(now.min(end - 1), shared);
+            self.apply_matches(now.min(end - 1), shared);
             if end > now {
                 break;
             }
             self.turn(end, shared);
-            self.seen = end - 1;
+            self.matched_until = end - 1;
             legs += 1;
             if legs > 2 * stretch {
                 self.counter.skip(stretch.into(), now);
                 legs = 0;
             }
         }
-        self.seen = self.seen.max(now);
+        self.matched_until = self.matched_until.max(now);
     }
 
     /// Channels whose compare match has no effect, one bit each: the flag is set, and the output is frozen.
@@ -208,11 +208,11 @@ impl Timer {
     }
 
     /// Applies the compare matches up to `last` on this leg.
-    fn meet(&mut self, last: Cycles, shared: &mut Shared) {
+    fn apply_matches(&mut self, last: Cycles, shared: &mut Shared) {
         let idle = self.idle();
         for k in (0..4).filter(|k| idle >> k & 1 == 0) {
             let met = self.counter.meets(self.channels[k].compare);
-            if met.is_some_and(|at| at > self.seen && at <= last) {
+            if met.is_some_and(|at| at > self.matched_until && at <= last) {
                 self.matched(k, shared);
             }
         }
@@ -257,7 +257,7 @@ impl Timer {
     /// Emits an edge of TRGO.
     fn trgo(&self, rises: bool, shared: &mut Shared) {
         shared.effect(Effect::Trigger {
-            timer: self.kind,
+            timer: self.id,
             rises,
         });
     }
@@ -269,7 +269,7 @@ impl Timer {
         if inside != channel.inside {
             channel.inside = inside;
             if let Some(reference) = channel.mode.reference(inside) {
-                self.refer(k, reference, shared);
+                self.set_reference(k, reference, shared);
             }
         }
     }
@@ -282,7 +282,7 @@ impl Timer {
     }
 
     /// Sets the level of OCxREF.
-    fn refer(&mut self, k: usize, reference: bool, shared: &mut Shared) {
+    fn set_reference(&mut self, k: usize, reference: bool, shared: &mut Shared) {
         if reference == self.channels[k].reference {
             return;
         }
@@ -311,7 +311,7 @@ impl Timer {
         if before == drive {
             return;
         }
-        let signal = Signal::CHANNELS[self.kind as usize][k];
+        let signal = Signal::CHANNELS[self.id as usize][k];
         shared.effect(Effect::Output(signal, drive));
     }
 
@@ -380,7 +380,7 @@ impl Timer {
     /// Updates the interrupt lines.
     fn line(&self, shared: &mut Shared) {
         let active = self.reg(SR) & self.reg(DIER);
-        for &(interrupt, flags) in self.kind.lines() {
+        for &(interrupt, flags) in self.id.lines() {
             shared.line(interrupt, active & flags != 0);
         }
     }
@@ -405,11 +405,11 @@ impl Timer {
         for k in 0..4 {
             self.drive(k, shared);
         }
-        self.judge_needs();
+        self.update_needs();
     }
 
     /// Derives from the registers which events must be scheduled.
-    fn judge_needs(&mut self) {
+    fn update_needs(&mut self) {
         let dier = self.reg(DIER);
         let master = self.master();
         let update = dier & UPDATE != 0 || master == 2;
@@ -437,7 +437,7 @@ impl Timer {
             for k in 0..4 {
                 if self.needs.channels >> k & 1 != 0
                     && let Some(at) = self.counter.meets(self.channels[k].compare)
-                    && at > self.seen
+                    && at > self.matched_until
                 {
                     next = next.min(at);
                 }
@@ -448,7 +448,7 @@ impl Timer {
             self.timed = first.is_some();
             next = next.min(first.unwrap_or(NEVER));
         }
-        shared.schedule(self.kind.unit(), next);
+        shared.schedule(self.id.unit(), next);
     }
 
     /// Ends the input filters due by `now`.
@@ -472,7 +472,7 @@ impl Timer {
                 self.counter.stop(now);
             }
         }
-        self.judge_needs();
+        self.update_needs();
         self.compare_all(shared);
         self.drive_all(shared);
         self.line(shared);
@@ -482,7 +482,7 @@ impl Timer {
 
 impl Peripheral for Timer {
     fn registers(&self) -> &'static [Register] {
-        self.kind.registers()
+        self.id.registers()
     }
 
     fn read(&mut self, offset: u32, shared: &mut Shared) -> u32 {

@@ -1,12 +1,12 @@
 //! Registers of the timers and their bits (RM0090, chapters 17 and 18).
 
 use super::super::effect::Clocks;
-pub(crate) use super::super::effect::Kind;
+pub(crate) use super::super::effect::TimerId;
 use super::super::interrupt::Interrupt;
 use super::super::map::Unit;
 use super::super::register::{Register, narrow};
 
-impl Kind {
+impl TimerId {
     pub const ALL: [Self; 5] = [Self::Tim1, Self::Tim2, Self::Tim3, Self::Tim4, Self::Tim5];
 
     pub fn name(self) -> &'static str {
@@ -18,7 +18,7 @@ impl Kind {
     }
 
     /// Largest value of the counter.
-    pub fn most(self) -> u32 {
+    pub fn max_count(self) -> u32 {
         match self {
             Self::Tim2 | Self::Tim5 => !0,
             _ => 0xffff,
@@ -113,14 +113,14 @@ const ADVANCED: &[Register] = &[
 ];
 
 macro_rules! general {
-    ($most:literal $(, $remap:literal)?) => {
+    ($max:literal $(, $remap:literal)?) => {
         &[
             narrow(CR1, "CR1", 0x3ff), narrow(CR2, "CR2", 0xf8), narrow(SMCR, "SMCR", 0xfff7),
             narrow(DIER, "DIER", 0x5f5f), narrow(SR, "SR", 0x1e5f), narrow(EGR, "EGR", 0x5f),
             narrow(CCMR1, "CCMR1", 0xffff), narrow(CCMR2, "CCMR2", 0xffff), narrow(CCER, "CCER", 0xbbbb),
-            narrow(CNT, "CNT", $most), narrow(PSC, "PSC", 0xffff), narrow(ARR, "ARR", $most),
-            narrow(CCR1, "CCR1", $most), narrow(0x38, "CCR2", $most), narrow(0x3c, "CCR3", $most),
-            narrow(CCR4, "CCR4", $most), narrow(DCR, "DCR", 0x1f1f), narrow(DMAR, "DMAR", 0xffff),
+            narrow(CNT, "CNT", $max), narrow(PSC, "PSC", 0xffff), narrow(ARR, "ARR", $max),
+            narrow(CCR1, "CCR1", $max), narrow(0x38, "CCR2", $max), narrow(0x3c, "CCR3", $max),
+            narrow(CCR4, "CCR4", $max), narrow(DCR, "DCR", 0x1f1f), narrow(DMAR, "DMAR", 0xffff),
             $(narrow(OR, "OR", $remap),)?
         ]
     };

@@ -5,38 +5,38 @@ use crate::chip::interrupt::Interrupt;
 use crate::chip::map::Unit;
 use crate::chip::pin::Signal;
 use crate::chip::testing::shared;
-use crate::finding::Kind as Finding;
+use crate::finding::FindingKind as Finding;
 use Drive::{High, Low, Open};
 
 /// Cycle at which a counter enabled at cycle 0 starts, if its clock is the core clock.
 const START: Cycles = 1;
 
 /// A timer with its shared state.
-struct Bench {
+struct TimerBench {
     timer: Timer,
     shared: Shared,
     /// Effects, each with its cycle.
-    seen: Vec<(Cycles, Effect)>,
+    effects: Vec<(Cycles, Effect)>,
 }
 
-impl Bench {
-    fn new(kind: Kind) -> Self {
+impl TimerBench {
+    fn new(id: TimerId) -> Self {
         Self {
-            timer: Timer::new(kind),
+            timer: Timer::new(id),
             shared: shared(),
-            seen: Vec::new(),
+            effects: Vec::new(),
         }
     }
 
     fn collect(&mut self) {
         let now = self.shared.now;
-        self.seen
+        self.effects
             .extend(self.shared.effects.drain(..).map(|effect| (now, effect)));
     }
 
     /// Advances to `end`, inclusive.
     fn pass(&mut self, end: Cycles) -> &mut Self {
-        let source = self.timer.kind.unit();
+        let source = self.timer.id.unit();
         while self.shared.arrive(source, end) {
             self.timer.event(&mut self.shared);
             self.collect();
@@ -64,23 +64,26 @@ impl Bench {
 
     /// Cycles at which an effect occurred.
     fn times(&mut self, of: Effect) -> Vec<Cycles> {
-        let found = self.seen.iter().filter(|(_, effect)| *effect == of);
+        let found = self.effects.iter().filter(|(_, effect)| *effect == of);
         found.map(|(at, _)| *at).collect()
     }
 
     /// Takes the recorded changes of an output, with their cycles.
     fn drives(&mut self, of: Signal) -> Vec<(Cycles, Drive)> {
-        let found = self.seen.drain(..).filter_map(|(at, effect)| match effect {
-            Effect::Output(signal, drive) if signal == of => Some((at, drive)),
-            _ => None,
-        });
+        let found = self
+            .effects
+            .drain(..)
+            .filter_map(|(at, effect)| match effect {
+                Effect::Output(signal, drive) if signal == of => Some((at, drive)),
+                _ => None,
+            });
         found.collect()
     }
 }
 
 /// TIM1 centre-aligned (mode `cms`) up to 100, PWM with compare value 30 on channel 1, TRGO at updates.
-fn centred(cms: u32, repetition: u32) -> Bench {
-    let mut bench = Bench::new(Kind::Tim1);
+fn centred(cms: u32, repetition: u32) -> TimerBench {
+    let mut bench = TimerBench::new(TimerId::Tim1);
     let mode = cms << 5 | ARPE;
     bench.write(&[
         (ARR, 100),
@@ -94,24 +97,24 @@ fn centred(cms: u32, repetition: u32) -> Bench {
         (EGR, 1),
         (SR, 0),
     ]);
-    bench.seen.clear();
+    bench.effects.clear();
     bench.write(&[(CR1, mode | CEN)]);
     bench
 }
 
 const TRGO1: Effect = Effect::Trigger {
-    timer: Kind::Tim1,
+    timer: TimerId::Tim1,
     rises: true,
 };
 
 #[test]
 fn edge_aligned_timer_updates_every_reload_plus_one_steps() {
-    let mut bench = Bench::new(Kind::Tim2);
+    let mut bench = TimerBench::new(TimerId::Tim2);
     bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
-    bench.seen.clear();
+    bench.effects.clear();
     bench.write(&[(CR1, CEN)]).pass(2701);
     let trgo = Effect::Trigger {
-        timer: Kind::Tim2,
+        timer: TimerId::Tim2,
         rises: true,
     };
     assert_eq!(bench.times(trgo), [876, 1751, 2626]);
@@ -121,7 +124,7 @@ fn edge_aligned_timer_updates_every_reload_plus_one_steps() {
 
 #[test]
 fn timer_without_consumers_schedules_nothing_and_keeps_its_state() {
-    let mut bench = Bench::new(Kind::Tim3);
+    let mut bench = TimerBench::new(TimerId::Tim3);
     // A PWM channel with its output off. The timer's clock is two cycles, a step is six.
     bench.shared.clocks.timer1 = 2;
     bench.write(&[
@@ -146,7 +149,7 @@ fn timer_without_consumers_schedules_nothing_and_keeps_its_state() {
 
 #[test]
 fn down_counter_starts_at_its_reload_value() {
-    let mut bench = Bench::new(Kind::Tim4);
+    let mut bench = TimerBench::new(TimerId::Tim4);
     bench.write(&[(ARR, 9), (CR1, DIR), (EGR, 1), (SR, 0), (DIER, UPDATE)]);
     assert_eq!(bench.read(CNT), 9);
     bench.write(&[(CR1, DIR | CEN)]);
@@ -161,7 +164,7 @@ fn down_counter_starts_at_its_reload_value() {
 
 #[test]
 fn preloaded_reload_and_prescaler_take_effect_at_the_update() {
-    let mut bench = Bench::new(Kind::Tim2);
+    let mut bench = TimerBench::new(TimerId::Tim2);
     bench.write(&[(ARR, 9), (CR1, ARPE | CEN), (EGR, 1), (PSC, 3), (ARR, 4)]);
     // UG at cycle 0 loads the values valid then, so the first period has the old length.
     bench.pass(9);
@@ -177,7 +180,7 @@ fn preloaded_reload_and_prescaler_take_effect_at_the_update() {
 
 #[test]
 fn udis_disables_updates_and_urs_limits_the_flag_to_the_counter() {
-    let mut bench = Bench::new(Kind::Tim2);
+    let mut bench = TimerBench::new(TimerId::Tim2);
     bench.write(&[(CR1, URS), (ARR, 9), (CCR1, 5), (CCMR1, 8), (EGR, 1)]);
     assert_eq!(bench.read(SR), 0, "URS");
     bench.write(&[(CCR1, 7), (CR1, UDIS), (EGR, 1)]);
@@ -243,15 +246,15 @@ fn compare_flags_follow_the_centre_aligned_mode() {
         ] {
             let mut bench = centred(cms, 0);
             bench.write(&[(0x38, compare), (CCMR1, 0x7060), (DIER, 4), (SR, 0)]);
-            let mut seen = Vec::new();
+            let mut cycles = Vec::new();
             for at in 1..=200 {
                 bench.pass(START + at);
                 if bench.shared.is_high(Interrupt::Tim1Compare) {
-                    seen.push(at);
+                    cycles.push(at);
                     bench.write(&[(SR, !4)]);
                 }
             }
-            assert_eq!(seen, times, "{cms} {compare}");
+            assert_eq!(cycles, times, "{cms} {compare}");
         }
     }
 }
@@ -272,7 +275,7 @@ fn duty_cycles_of_0_and_100_percent_have_no_edges() {
     for (compare, level) in [(0, Low), (100, High), (0xffff, High)] {
         let mut bench = centred(1, 0);
         bench.write(&[(CCR1, compare)]).pass(START + 200);
-        bench.seen.clear();
+        bench.effects.clear();
         bench.pass(START + 900);
         assert!(bench.drives(Signal::Tim1Ch1).is_empty(), "{compare}");
         assert_eq!(bench.timer.channels[0].drive, level);
@@ -289,9 +292,9 @@ fn pwm_modes_and_polarity_give_the_expected_edges() {
     ] {
         let levels = levels.into_iter().cycle();
         let edges: Vec<_> = times.iter().copied().zip(levels).collect();
-        let mut bench = Bench::new(Kind::Tim3);
+        let mut bench = TimerBench::new(TimerId::Tim3);
         bench.write(&[(ARR, 9), (CCR1, 4), (CCER, ccer)]);
-        bench.seen.clear();
+        bench.effects.clear();
         bench.write(&[(CCMR1, mode << 4), (CR1, CEN)]).pass(29);
         assert_eq!(bench.drives(Signal::Tim3Ch1), edges, "{mode} {ccer}");
     }
@@ -301,7 +304,7 @@ fn pwm_modes_and_polarity_give_the_expected_edges() {
 fn break_disables_the_outputs_until_inactive_and_moe_is_set_again() {
     let mut bench = centred(1, 0);
     bench.write(&[(BDTR, MOE | OSSI | BKE | BKP), (DIER, BREAK)]);
-    bench.seen.clear();
+    bench.effects.clear();
     bench.pass(11).input(Signal::Tim1Bkin, true);
     assert_eq!(bench.drives(Signal::Tim1Ch1), [(11, Low)]);
     assert!(bench.shared.is_high(Interrupt::Tim1Break));
@@ -350,7 +353,7 @@ fn reference_of_channel_4_triggers_once_per_period() {
     // the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
     let falls = Effect::Trigger {
-        timer: Kind::Tim1,
+        timer: TimerId::Tim1,
         rises: false,
     };
     assert_eq!(bench.times(falls), [111, 311, 511]);
@@ -358,9 +361,9 @@ fn reference_of_channel_4_triggers_once_per_period() {
 
 #[test]
 fn trigger_output_follows_software_update_enable_and_compare() {
-    let mut bench = Bench::new(Kind::Tim4);
+    let mut bench = TimerBench::new(TimerId::Tim4);
     let trgo = Effect::Trigger {
-        timer: Kind::Tim4,
+        timer: TimerId::Tim4,
         rises: true,
     };
     bench.pass(5).write(&[(ARR, 9), (CCR1, 3), (EGR, 1)]);
@@ -374,7 +377,7 @@ fn trigger_output_follows_software_update_enable_and_compare() {
 
 #[test]
 fn halted_or_gated_timer_stops() {
-    let mut bench = Bench::new(Kind::Tim5);
+    let mut bench = TimerBench::new(TimerId::Tim5);
     bench.write(&[(PSC, 9), (EGR, 1), (CR1, CEN)]).pass(26);
     bench.timer.freeze(true, &mut bench.shared);
     bench.pass(1000);
@@ -391,7 +394,7 @@ fn halted_or_gated_timer_stops() {
 
 #[test]
 fn halted_tim1_has_its_outputs_off() {
-    let mut bench = Bench::new(Kind::Tim1);
+    let mut bench = TimerBench::new(TimerId::Tim1);
     // Channel 1 is always active.
     bench.write(&[
         (CCR1, 0xffff),
@@ -400,7 +403,7 @@ fn halted_tim1_has_its_outputs_off() {
         (BDTR, MOE | OSSI),
         (CR1, CEN),
     ]);
-    let drives = |bench: &Bench| bench.timer.channels[0].drive;
+    let drives = |bench: &TimerBench| bench.timer.channels[0].drive;
     assert_eq!(drives(&bench), Drive::High);
     bench.timer.freeze(true, &mut bench.shared);
     assert_eq!(drives(&bench), Drive::Low);
@@ -411,7 +414,7 @@ fn halted_tim1_has_its_outputs_off() {
 
 #[test]
 fn clock_change_affects_only_later_counts() {
-    let mut bench = Bench::new(Kind::Tim2);
+    let mut bench = TimerBench::new(TimerId::Tim2);
     bench.write(&[(CR1, CEN)]).pass(101);
     bench.shared.clocks.timer1 = 4;
     bench.timer.clocks_changed(&mut bench.shared);
@@ -421,7 +424,7 @@ fn clock_change_affects_only_later_counts() {
 
 #[test]
 fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
-    let mut bench = Bench::new(Kind::Tim3);
+    let mut bench = TimerBench::new(TimerId::Tim3);
     bench.write(&[(CCMR1, 0xf1f1), (CCER, 0x11), (SMCR, 3), (CR1, CEN)]);
     use Signal::{Tim3Ch1 as A, Tim3Ch2 as B};
     bench.pass(1000).input(A, true);
@@ -450,7 +453,7 @@ fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
 fn inverted_polarity_reverses_an_encoder() {
     use Signal::{Tim4Ch1 as A, Tim4Ch2 as B};
     for (ccer, count) in [(0, 4), (2, -4)] {
-        let mut bench = Bench::new(Kind::Tim4);
+        let mut bench = TimerBench::new(TimerId::Tim4);
         bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, ENCODER), (CR1, CEN)]);
         bench.write(&[(CNT, 100)]);
         for (signal, level) in [(A, true), (B, true), (A, false), (B, false)] {
@@ -480,7 +483,7 @@ fn unmodelled_or_forbidden_settings_are_findings() {
         (Finding::NotModelled, vec![(BDTR, LOCK)]),
         (Finding::Forbidden, vec![(CR1, CEN), (CR1, CEN | 1 << 5)]),
     ] {
-        let mut bench = Bench::new(Kind::Tim1);
+        let mut bench = TimerBench::new(TimerId::Tim1);
         bench.write(&writes);
         assert_eq!(bench.shared.kinds(), [kind], "{writes:?}");
     }

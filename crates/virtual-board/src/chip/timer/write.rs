@@ -7,12 +7,12 @@ use super::registers::*;
 use super::{Timer, finding};
 
 impl Timer {
-    fn note(&self, kind: finding::Kind, text: &str, shared: &mut Shared) {
-        shared.note(kind, format!("{}: {text}", self.kind.name()));
+    fn note(&self, kind: finding::FindingKind, text: &str, shared: &mut Shared) {
+        shared.note(kind, format!("{}: {text}", self.id.name()));
     }
 
     fn not_modelled(&self, what: &str, shared: &mut Shared) {
-        self.note(finding::Kind::NotModelled, what, shared);
+        self.note(finding::FindingKind::NotModelled, what, shared);
     }
 
     pub(super) fn write_register(
@@ -42,11 +42,11 @@ impl Timer {
             EGR => self.generate(value, shared),
             CCMR1 | CCMR2 => self.write_modes(offset, full & 0xffff, shared),
             CCER => self.write_enables(full & 0xffff, shared),
-            CNT => self.write_count(full & self.kind.most(), shared),
-            ARR => self.write_reload(full & self.kind.most(), shared),
+            CNT => self.write_count(full & self.id.max_count(), shared),
+            ARR => self.write_reload(full & self.id.max_count(), shared),
             CCR1..=CCR4 => {
                 let k = (offset - CCR1) as usize / 4;
-                self.channels[k].preload = full & self.kind.most();
+                self.channels[k].preload = full & self.id.max_count();
                 self.load_immediate(k);
             }
             BDTR => self.write_break(full & 0xffff, shared),
@@ -76,7 +76,7 @@ impl Timer {
         let centred = value & CMS != 0;
         if old & CEN != 0 && centred != self.counter.centred {
             let text = "CMS: alignment changed while the counter is enabled";
-            self.note(finding::Kind::Forbidden, text, shared);
+            self.note(finding::FindingKind::Forbidden, text, shared);
         }
         // In centre-aligned and encoder modes the counter sets its direction.
         let own = self.is_encoder() || self.counter.centred && centred;
@@ -94,7 +94,7 @@ impl Timer {
                 (counter.centred, counter.up, counter.reload) = (centred, up, reload);
             });
         }
-        self.judge_capture(shared);
+        self.check_capture(shared);
         if (value ^ old) & CEN == 0 {
             return;
         }
@@ -105,7 +105,7 @@ impl Timer {
             if !self.frozen && !self.gated {
                 self.counter.start(start);
             }
-            self.seen = start;
+            self.matched_until = start;
         }
         if self.master() == 1 {
             self.trgo(value & CEN != 0, shared);
@@ -129,7 +129,7 @@ impl Timer {
         let now = shared.now;
         *self.reg_mut(SMCR) = value;
         if !matches!(value & 7, 0 | ENCODER) || value & 1 << 14 != 0 {
-            let what = "slave modes but encoders with edges of both inputs, external clock";
+            let what = "slave modes except encoders with edges of both inputs, external clock";
             self.not_modelled(what, shared);
         }
         if self.is_encoder() {
@@ -155,7 +155,7 @@ impl Timer {
                 self.update(true, shared);
             }
             self.counter.clear(shared.now);
-            self.seen = shared.now.saturating_sub(1);
+            self.matched_until = shared.now.saturating_sub(1);
         }
         for k in 0..4 {
             if value >> (k + 1) & 1 != 0 {
@@ -165,7 +165,7 @@ impl Timer {
                 }
             }
         }
-        if value & BREAK != 0 && self.kind == super::Kind::Tim1 {
+        if value & BREAK != 0 && self.id == super::TimerId::Tim1 {
             self.do_break(shared);
         }
         if value & (COMMUTATION | TRIGGER) != 0 {
@@ -185,11 +185,11 @@ impl Timer {
             let is_output = bits & 3 == 0;
             let mode = Mode::of(bits >> 4).filter(|_| is_output);
             if is_output && mode.is_none() {
-                self.not_modelled("output modes but frozen and PWM", shared);
+                self.not_modelled("output modes except frozen and PWM", shared);
             }
             self.change_mode(k, mode.unwrap_or_default(), shared);
         }
-        self.judge_capture(shared);
+        self.check_capture(shared);
     }
 
     fn change_mode(&mut self, k: usize, mode: Mode, shared: &mut Shared) {
@@ -200,20 +200,20 @@ impl Timer {
         if before == Mode::Frozen
             && let Some(reference) = mode.reference(self.channels[k].inside)
         {
-            self.refer(k, reference, shared);
+            self.set_reference(k, reference, shared);
         }
     }
 
     fn write_enables(&mut self, value: u32, shared: &mut Shared) {
         *self.reg_mut(CCER) = value;
-        if value & 0x0444 != 0 && self.kind == super::Kind::Tim1 {
+        if value & 0x0444 != 0 && self.id == super::TimerId::Tim1 {
             self.not_modelled("complementary outputs", shared);
         }
-        self.judge_capture(shared);
+        self.check_capture(shared);
     }
 
     /// Notes an enabled input capture, which is not modelled.
-    fn judge_capture(&mut self, shared: &mut Shared) {
+    fn check_capture(&mut self, shared: &mut Shared) {
         if self.reg(CR1) & CEN == 0 {
             return;
         }
@@ -228,7 +228,7 @@ impl Timer {
     fn write_count(&mut self, value: u32, shared: &mut Shared) {
         // At 0 and at the reload value, a centre-aligned counter sets its direction itself.
         self.counter.set(value, shared.now);
-        self.seen = shared.now;
+        self.matched_until = shared.now;
     }
 
     fn write_reload(&mut self, value: u32, shared: &mut Shared) {
@@ -236,7 +236,7 @@ impl Timer {
         if self.reg(CR1) & ARPE == 0 {
             self.counter
                 .adapt(shared.now, |counter| counter.reload = value);
-            self.seen = shared.now;
+            self.matched_until = shared.now;
         }
     }
 

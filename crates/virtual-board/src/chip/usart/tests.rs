@@ -1,6 +1,6 @@
 use super::*;
 use crate::chip::circuit::Circuit;
-use crate::chip::testing::Bench;
+use crate::chip::testing::PeripheralBench;
 use crate::time::Time;
 
 const SR: u32 = 0x00;
@@ -25,22 +25,22 @@ impl Circuit for Line {
 }
 
 /// An enabled USART at the start of its idle frame.
-fn enabled(cr1: u32) -> Bench<Usart> {
-    let mut bench = Bench::around(Line::default(), Unit::Usart3, Usart::after_reset());
+fn enabled(cr1: u32) -> PeripheralBench<Usart> {
+    let mut bench = PeripheralBench::around(Line::default(), Unit::Usart3, Usart::after_reset());
     bench.write(&[(BRR, 42), (CR1, UE | TE | RE | cr1)]);
     bench
 }
 
-fn idle() -> Bench<Usart> {
+fn idle() -> PeripheralBench<Usart> {
     let mut bench = enabled(0);
     bench.run(FRAME);
     bench.shared.effects.clear();
     bench
 }
 
-fn sent(bench: &mut Bench<Usart>) -> Vec<(u8, Cycles)> {
+fn sent(bench: &mut PeripheralBench<Usart>) -> Vec<(u8, Cycles)> {
     let base = bench.shared.base;
-    let bytes = bench.world::<Line>().bytes.drain(..);
+    let bytes = bench.circuit::<Line>().bytes.drain(..);
     bytes.map(|(byte, at)| (byte, base.cycle_of(at))).collect()
 }
 
@@ -90,7 +90,7 @@ fn unread_byte_is_an_overrun() {
     assert_eq!(bench.read(SR) & (RXNE | ORE), RXNE | ORE);
     assert_eq!(bench.read(DR), 1);
     assert_eq!(bench.read(SR) & (RXNE | ORE), 0);
-    assert_eq!(bench.shared.kinds(), [Kind::Lost]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
     // With the receiver disabled, bytes are ignored.
     bench.write(&[(CR1, UE | TE)]);
     bench.part.receive(3, &mut bench.shared);
@@ -110,12 +110,12 @@ fn dma_is_requested_in_both_directions() {
 fn unmodelled_features_and_misuse_are_findings() {
     let mut bench = idle();
     bench.write(&[(CR3, HDSEL), (CR2, LINEN)]);
-    assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::NotModelled; 2]);
     bench.write(&[(DR, 1), (BRR, 43)]);
-    assert_eq!(bench.shared.kinds()[2], Kind::Forbidden);
+    assert_eq!(bench.shared.kinds()[2], FindingKind::Forbidden);
     bench.write(&[(CR1, 0), (DR, 1)]);
-    assert_eq!(bench.shared.kinds()[3..], [Kind::Forbidden; 2]);
+    assert_eq!(bench.shared.kinds()[3..], [FindingKind::Forbidden; 2]);
     let mut bench = enabled(PCE | M | OVER8);
     bench.write(&[(CR2, STOP)]);
-    assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 4]);
+    assert_eq!(bench.shared.kinds(), [FindingKind::NotModelled; 4]);
 }

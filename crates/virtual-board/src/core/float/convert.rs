@@ -96,8 +96,8 @@ pub fn to_fixed(a: u32, fixed: Fixed, mode: u32, status: &mut u32) -> u32 {
     };
     let whole = whole + i128::from(up);
     let result = if value.negative { -whole } else { whole };
-    let (least, greatest) = range(fixed);
-    if result < least || result > greatest {
+    let (min, max) = range(fixed);
+    if result < min || result > max {
         return saturate(value.negative, fixed, status);
     }
     if rest != 0 {
@@ -116,8 +116,8 @@ fn range(fixed: Fixed) -> (i128, i128) {
 
 fn saturate(negative: bool, fixed: Fixed, status: &mut u32) -> u32 {
     *status |= IOC;
-    let (least, greatest) = range(fixed);
-    (if negative { least } else { greatest }) as u32
+    let (min, max) = range(fixed);
+    (if negative { min } else { max }) as u32
 }
 
 /// Converts from a fixed-point number, already extended to 64 bits (FixedToFP).

@@ -22,7 +22,7 @@ fn each_step_executes_one_instruction() {
     let mut machine = Machine::new(&[0xbf08, 0x2001, 0x2102, 0xdf00]);
     let mut places = vec![];
     for _ in 0..4 {
-        let until = machine.core.cycles() + MOST;
+        let until = machine.core.cycles() + MAX_CYCLES;
         assert_eq!(machine.core.step(&mut machine.chip, until), Stop::Step);
         places.push(machine.core.pc());
     }

@@ -103,7 +103,7 @@ fn bus_fault_reports_the_address_and_changes_no_register() {
 fn disabled_fault_escalates_to_a_hard_fault_and_is_a_finding() {
     let mut machine = Machine::new(&[0x6801]).register(0, 0x6000_0000);
     machine.ends_in(HARD, &[(HFSR, 1 << 30), (CFSR, 1 << 9 | 1 << 15)]);
-    assert!(machine.chip.found(Kind::Fault));
+    assert!(machine.chip.found(FindingKind::Fault));
 }
 
 #[test]
@@ -228,7 +228,7 @@ fn unpredictable_instruction_is_a_finding() {
     // ldrd r0, r0, [r1]
     let mut machine = Machine::new(&[0xe9d1, 0x0000]).register(1, LOG);
     assert_eq!(machine.run_to_breakpoint(), HARD);
-    assert!(machine.chip.found(Kind::NotModelled));
+    assert!(machine.chip.found(FindingKind::NotModelled));
 }
 
 #[test]

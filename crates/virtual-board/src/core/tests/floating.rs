@@ -97,30 +97,30 @@ fn nan_zero_and_flags_follow_the_manual() {
     const DEFAULT: u32 = 0x7fc0_0000;
     type Operation = fn(u32, u32, &mut u32) -> u32;
     /// Operation, operands, status before, and the result with the flags set by the operation.
-    struct Row(Operation, [u32; 2], u32, [u32; 2]);
+    struct FloatRow(Operation, [u32; 2], u32, [u32; 2]);
     let table = [
-        Row(float::add, [QNAN, SNAN], 0, [SNAN | 1 << 22, IOC]),
-        Row(float::add, [QNAN, ONE], 0, [QNAN, 0]),
-        Row(float::add, [ONE, QNAN], DN, [DEFAULT, 0]),
-        Row(float::mul, [SNAN, QNAN], DN, [DEFAULT, IOC]),
-        Row(float::add, [INF, INF | 1 << 31], 0, [DEFAULT, IOC]),
-        Row(float::mul, [INF, 0], 0, [DEFAULT, IOC]),
-        Row(float::div, [0, 0], 0, [DEFAULT, IOC]),
-        Row(float::div, [ONE, 1 << 31], 0, [INF | 1 << 31, DZC]),
-        Row(float::mul, [BIG, BIG], 0, [INF, OFC | IXC]),
-        Row(float::mul, [BIG, BIG], 3 << 22, [BIG, OFC | IXC]),
-        Row(float::mul, [BIG, BIG], 2 << 22, [BIG, OFC | IXC]),
-        Row(float::mul, [BIG, BIG], 1 << 22, [INF, OFC | IXC]),
-        Row(float::mul, [TINY, TINY], 0, [0, UFC | IXC]),
-        Row(float::mul, [TINY, TINY], 1 << 22, [1, UFC | IXC]),
-        Row(float::mul, [TINY, 0x3f00_0000], 0, [0x0040_0000, 0]),
-        Row(float::mul, [TINY, 0x3f00_0000], FZ, [0, UFC]),
-        Row(float::add, [1, TINY], FZ, [TINY, IDC]),
-        Row(float::add, [ONE, ONE | 1 << 31], 0, [0, 0]),
-        Row(float::sub, [ONE, ONE], 2 << 22, [1 << 31, 0]),
-        Row(float::sub, [ONE, SNAN], 0, [SNAN | 1 << 22, IOC]),
+        FloatRow(float::add, [QNAN, SNAN], 0, [SNAN | 1 << 22, IOC]),
+        FloatRow(float::add, [QNAN, ONE], 0, [QNAN, 0]),
+        FloatRow(float::add, [ONE, QNAN], DN, [DEFAULT, 0]),
+        FloatRow(float::mul, [SNAN, QNAN], DN, [DEFAULT, IOC]),
+        FloatRow(float::add, [INF, INF | 1 << 31], 0, [DEFAULT, IOC]),
+        FloatRow(float::mul, [INF, 0], 0, [DEFAULT, IOC]),
+        FloatRow(float::div, [0, 0], 0, [DEFAULT, IOC]),
+        FloatRow(float::div, [ONE, 1 << 31], 0, [INF | 1 << 31, DZC]),
+        FloatRow(float::mul, [BIG, BIG], 0, [INF, OFC | IXC]),
+        FloatRow(float::mul, [BIG, BIG], 3 << 22, [BIG, OFC | IXC]),
+        FloatRow(float::mul, [BIG, BIG], 2 << 22, [BIG, OFC | IXC]),
+        FloatRow(float::mul, [BIG, BIG], 1 << 22, [INF, OFC | IXC]),
+        FloatRow(float::mul, [TINY, TINY], 0, [0, UFC | IXC]),
+        FloatRow(float::mul, [TINY, TINY], 1 << 22, [1, UFC | IXC]),
+        FloatRow(float::mul, [TINY, 0x3f00_0000], 0, [0x0040_0000, 0]),
+        FloatRow(float::mul, [TINY, 0x3f00_0000], FZ, [0, UFC]),
+        FloatRow(float::add, [1, TINY], FZ, [TINY, IDC]),
+        FloatRow(float::add, [ONE, ONE | 1 << 31], 0, [0, 0]),
+        FloatRow(float::sub, [ONE, ONE], 2 << 22, [1 << 31, 0]),
+        FloatRow(float::sub, [ONE, SNAN], 0, [SNAN | 1 << 22, IOC]),
     ];
-    for (k, Row(operation, [a, b], before, expected)) in table.into_iter().enumerate() {
+    for (k, FloatRow(operation, [a, b], before, expected)) in table.into_iter().enumerate() {
         let mut status = before;
         let result = operation(a, b, &mut status);
         let [value, flags] = expected;

@@ -10,7 +10,7 @@ mod sleep;
 mod timing;
 
 use super::{BusError, Core, Stop, System, Transfer, Width};
-use crate::finding::Kind;
+use crate::finding::FindingKind;
 use crate::time::Cycles;
 
 /// First address of the program.
@@ -22,7 +22,7 @@ const STACK: u32 = 0x2000_2000;
 /// Address at which handlers and programs store words.
 const LOG: u32 = 0x2000_0000;
 /// Maximum number of cycles of a test.
-const MOST: Cycles = 100_000;
+const MAX_CYCLES: Cycles = 100_000;
 
 /// Memories, and interrupt lines that follow a schedule; records findings and entered lines.
 struct Chip {
@@ -33,7 +33,7 @@ struct Chip {
     lines: u128,
     until: Cycles,
     changed: Option<(u32, u32)>,
-    notes: Vec<(Kind, String)>,
+    notes: Vec<(FindingKind, String)>,
     resets: u32,
     entered: Vec<u32>,
 }
@@ -76,7 +76,7 @@ impl Chip {
         words.take_while(|&word| word != 0).collect()
     }
 
-    fn found(&self, kind: Kind) -> bool {
+    fn found(&self, kind: FindingKind) -> bool {
         self.notes.iter().any(|(k, _)| *k == kind)
     }
 }
@@ -136,7 +136,7 @@ impl System for Chip {
         self.resets += 1;
     }
 
-    fn note(&mut self, kind: Kind, _pc: u32, _cycle: Cycles, text: String) {
+    fn note(&mut self, kind: FindingKind, _pc: u32, _cycle: Cycles, text: String) {
         self.notes.push((kind, text));
     }
 }
@@ -190,7 +190,7 @@ impl Machine {
     }
 
     fn run(&mut self) -> Stop {
-        let until = self.core.cycles() + MOST;
+        let until = self.core.cycles() + MAX_CYCLES;
         self.core.run(&mut self.chip, until)
     }
 

@@ -82,5 +82,5 @@ fn deep_sleep_is_a_finding() {
     let mut machine = rising(&[0xbf30, 0xbe00]);
     machine.set_private(SCR, 4);
     machine.run_to_breakpoint();
-    assert!(machine.chip.found(Kind::NotModelled));
+    assert!(machine.chip.found(FindingKind::NotModelled));
 }

@@ -22,8 +22,8 @@ fn cycles(program: &[u16]) -> u64 {
 /// The manual gives ranges: refills 1 to 3 cycles, divisions 2 to 12, changes of a mask 1 or 2.
 #[test]
 fn instructions_are_within_the_published_cycles() {
-    type Row = (&'static str, &'static [u16], std::ops::RangeInclusive<u64>);
-    let table: [Row; 41] = [
+    type TimingRow = (&'static str, &'static [u16], std::ops::RangeInclusive<u64>);
+    let table: [TimingRow; 41] = [
         ("adds", &[0x3001], 1..=1),
         ("mla", &[0xfb00, 0x1002], 1..=1),
         ("umull", &[0xfba0, 0x5601], 1..=1),

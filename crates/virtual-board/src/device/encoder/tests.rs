@@ -11,7 +11,7 @@ struct Decoder {
 }
 
 impl Decoder {
-    fn see(&mut self, levels: (bool, bool)) {
+    fn decode(&mut self, levels: (bool, bool)) {
         let place = |(a, b): (bool, bool)| (i64::from(a) ^ i64::from(b)) + 2 * i64::from(b);
         match (place(levels) - place(self.last)).rem_euclid(4) {
             1 => self.count += 1,
@@ -26,7 +26,7 @@ impl Decoder {
         let mut edges = 0;
         while encoder.next() <= to {
             encoder.advance(encoder.next());
-            self.see(encoder.levels());
+            self.decode(encoder.levels());
             edges += 1;
         }
         encoder.advance(to);
@@ -116,7 +116,7 @@ fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
         encoder.set_fault(fault);
         encoder.motion(Time(0), 0.0, 1.0, 0.0);
         let mut decoder = Decoder::default();
-        decoder.see(encoder.levels());
+        decoder.decode(encoder.levels());
         decoder.run(&mut encoder, Time(100 * MS));
         (encoder.count(), decoder.count)
     };
@@ -131,13 +131,13 @@ fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
 fn glitch_inverts_a_line_for_its_width() {
     let mut encoder = Encoder::new(EncoderConfig::default());
     encoder.glitch(Line::A, Time(1000), Time::from_nanos(200));
-    let mut seen = Vec::new();
+    let mut drives = Vec::new();
     while encoder.next() != Time::NEVER {
         encoder.advance(encoder.next());
-        seen.push((encoder.next().0, encoder.drives()));
+        drives.push((encoder.next().0, encoder.drives()));
     }
     let (high, low) = (Drive::High, Drive::Low);
-    assert_eq!(seen, [(201_000, (high, low)), (u64::MAX, (low, low))]);
+    assert_eq!(drives, [(201_000, (high, low)), (u64::MAX, (low, low))]);
 }
 
 #[test]

@@ -175,7 +175,7 @@ mod tests {
 
     const US: u64 = 1_000_000;
 
-    fn silent() -> Bridge {
+    fn noiseless() -> Bridge {
         let config = BridgeConfig {
             noise_v: 0.0,
             ..BridgeConfig::default()
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn output_per_strain_is_gain_times_gauge_factor_and_ratiometric() {
-        let mut bridge = silent();
+        let mut bridge = noiseless();
         bridge.strain(Time(0), 1000e-6, 0.0);
         let share = bridge.sample(Time(100_000 * US)) / 3.3;
         // Fraction of full scale above the middle, K·G·ε: 2.1·64·10⁻³.
@@ -200,7 +200,7 @@ mod tests {
         let tau = 1.0 / (std::f64::consts::TAU * 200.0);
         let scale = 64.0 * 2.1 * 3.3;
         for step in [2u64, 10, 997] {
-            let mut bridge = silent();
+            let mut bridge = noiseless();
             bridge.strain(Time(0), 500e-6, 0.2);
             let mut t = 0;
             while t < 3000 * US {
@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn faulty_or_overloaded_bridge_saturates_at_a_rail() {
         let late = |k: u64| Time(k * 100_000 * US);
-        let mut bridge = silent();
+        let mut bridge = noiseless();
         bridge.set_fault(late(0), BridgeFault::Open { up: true });
         assert!((bridge.sample(late(1)) - 3.25).abs() < 1e-9);
         bridge.set_fault(late(1), BridgeFault::Open { up: false });

@@ -112,7 +112,7 @@ mod tests {
 
     const QUIET: (Time, f64) = (Time(0), 0.0);
 
-    fn silent() -> Amplifier {
+    fn noiseless() -> Amplifier {
         let config = AmplifierConfig {
             noise_v: 0.0,
             ..AmplifierConfig::default()
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn output_is_0_2_v_per_ampere_about_the_middle_within_the_rails() {
-        let mut amplifier = silent();
+        let mut amplifier = noiseless();
         let at = Time::from_micros(100);
         for (amps, volts) in [
             (0.0, 1.65),
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn disturbance_of_an_edge_decays_within_2_microseconds() {
-        let mut amplifier = silent();
+        let mut amplifier = noiseless();
         let edge = (Time::from_micros(10), 12.0);
         let at = |ns| Time::from_micros(10) + Time::from_nanos(ns);
         let first = amplifier.output(at(0), 0.0, 0.0, edge, 3.3) - 1.65;
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn output_lags_a_ramp_by_the_time_constant() {
-        let mut amplifier = silent();
+        let mut amplifier = noiseless();
         // 5 A/ms over 0.398 µs: 2 mA, or 0.4 mV.
         let found = amplifier.output(Time::from_micros(50), 1.0, 5e3, QUIET, 3.3);
         assert!((found - 1.85 + 0.398e-3).abs() < 1e-6, "{found}");
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn faults_give_zero_current_or_a_stuck_output() {
-        let mut amplifier = silent();
+        let mut amplifier = noiseless();
         amplifier.set_fault(AmplifierFault::ShuntShort);
         assert_eq!(amplifier.output(Time(1), 3.0, 0.0, QUIET, 3.3), 1.65);
         amplifier.set_fault(AmplifierFault::Stuck(1.0));

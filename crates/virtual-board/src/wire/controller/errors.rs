@@ -1,7 +1,7 @@
 //! Errors: flags, delimiters, counters, bus-off.
 
 use super::{Controller, DELIMITER, FLAG, Flag, OFF, State};
-use crate::wire::node::{ErrorKind, What};
+use crate::wire::node::{ErrorKind, EventKind};
 
 impl Controller {
     pub(super) fn raise(&mut self, flag: Flag) {
@@ -18,17 +18,17 @@ impl Controller {
     pub(super) fn error(&mut self, kind: ErrorKind) {
         self.statistics.errors[kind as usize] += 1;
         let passive = self.passive();
-        self.spared = false;
+        self.uncounted_ack_error = false;
         if !self.sender {
             self.rec += 1;
         } else if kind == ErrorKind::Acknowledgement && passive {
-            self.spared = true;
+            self.uncounted_ack_error = true;
         } else if kind != ErrorKind::Stuff {
             // A stuff error of a sender occurs in the arbitration field, where it is not counted.
             self.tec += 8;
         }
         self.failed(Some(kind));
-        self.happened.push(What::Error(kind));
+        self.events.push(EventKind::Error(kind));
         self.raise(if passive { Flag::Passive } else { Flag::Active });
         self.limit();
     }
@@ -40,7 +40,7 @@ impl Controller {
         } else {
             self.rec += 8;
         }
-        self.happened.push(What::Counted);
+        self.events.push(EventKind::Counted);
         self.limit();
     }
 
@@ -52,7 +52,7 @@ impl Controller {
             self.dominant = false;
             self.statistics.bus_offs += 1;
             self.state = State::BusOff(0, 0);
-            self.happened.push(What::Off);
+            self.events.push(EventKind::Off);
             if self.leaving {
                 self.out();
             }
@@ -66,7 +66,7 @@ impl Controller {
         if !dominant {
             let kind = ErrorKind::BitDominant;
             self.statistics.errors[kind as usize] += 1;
-            self.happened.push(What::Error(kind));
+            self.events.push(EventKind::Error(kind));
             let passive = self.passive();
             self.raise(if passive { Flag::Passive } else { Flag::Active });
             return self.count();
@@ -89,7 +89,7 @@ impl Controller {
         } else {
             State::Flag(count)
         };
-        if dominant && std::mem::take(&mut self.spared) {
+        if dominant && std::mem::take(&mut self.uncounted_ack_error) {
             self.count();
         }
     }

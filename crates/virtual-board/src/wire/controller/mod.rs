@@ -5,8 +5,8 @@ mod errors;
 
 use crate::time::Time;
 use crate::wire::frame::{Bits, Frame};
-use crate::wire::node::{ErrorKind, Settings, What};
-use crate::wire::receiver::{Receiver, Step};
+use crate::wire::node::{ErrorKind, EventKind, Settings};
+use crate::wire::receiver::{Receiver, ReceiverStep};
 use crate::wire::statistics::Statistics;
 
 /// Number of recessive bits after which a controller takes part.
@@ -83,7 +83,7 @@ pub(crate) struct Controller {
     /// Latest level in a passive flag, which ends after six equal bits.
     flag_level: bool,
     /// A passive sender met no acknowledgement: only a dominant bit during its flag is counted.
-    spared: bool,
+    uncounted_ack_error: bool,
     /// True if this controller transmits or transmitted the present or latest frame.
     sender: bool,
     receiver: Receiver,
@@ -98,7 +98,7 @@ pub(crate) struct Controller {
     /// True if the controller drives dominant in the next bit.
     pub dominant: bool,
     /// Events at the latest sample.
-    pub happened: Vec<What>,
+    pub events: Vec<EventKind>,
     /// Result of a transmission that has ended.
     pub ended: Option<Ended>,
     pub statistics: Statistics,
@@ -222,7 +222,7 @@ impl Controller {
             }
             (false, false) => {
                 self.settings = Some(settings);
-                self.happened.push(What::Left);
+                self.events.push(EventKind::Left);
             }
             (true, true) => {
                 self.settings = Some(settings);
@@ -242,7 +242,7 @@ impl Controller {
 
     fn out(&mut self) {
         (self.state, self.dominant, self.leaving) = (State::Out, false, false);
-        self.happened.push(What::Left);
+        self.events.push(EventKind::Left);
     }
 
     /// Queues a mailbox for transmission.
@@ -306,7 +306,7 @@ impl Controller {
             } else {
                 State::Idle
             };
-            self.happened.push(What::Joined);
+            self.events.push(EventKind::Joined);
         }
     }
 
@@ -321,7 +321,7 @@ impl Controller {
             if sequences + 1 == RECOVERY {
                 (self.tec, self.rec, self.off) = (0, 0, false);
                 self.state = State::Idle;
-                self.happened.push(What::Recovered);
+                self.events.push(EventKind::Recovered);
             }
         }
     }
@@ -354,7 +354,7 @@ impl Controller {
         self.sending = Some((pending, next));
         self.sender = true;
         self.dominant = !pending.bits.recessive(next.into());
-        self.happened.push(What::Started {
+        self.events.push(EventKind::Started {
             mailbox: pending.mailbox,
         });
     }
@@ -414,7 +414,7 @@ impl Controller {
             start: self.start,
             error: None,
         });
-        self.happened.push(What::Sent {
+        self.events.push(EventKind::Sent {
             mailbox: pending.mailbox,
             start: self.start,
         });
@@ -447,7 +447,7 @@ impl Controller {
                 error,
             });
         }
-        self.happened.push(What::Failed {
+        self.events.push(EventKind::Failed {
             mailbox: pending.mailbox,
             lost: error.is_none(),
             again,
@@ -456,7 +456,7 @@ impl Controller {
 
     fn received(&mut self) {
         self.statistics.received += 1;
-        self.happened.push(What::Received {
+        self.events.push(EventKind::Received {
             frame: self.receiver.frame(),
             start: self.start,
         });
@@ -468,9 +468,9 @@ impl Controller {
             return self.error(ErrorKind::BitDominant);
         }
         match self.receiver.step(dominant) {
-            Step::More => {}
-            Step::Acknowledge => self.dominant = true,
-            Step::Valid => {
+            ReceiverStep::More => {}
+            ReceiverStep::Acknowledge => self.dominant = true,
+            ReceiverStep::Valid => {
                 self.rec = match self.rec {
                     0 => 0,
                     1..=PASSIVE => self.rec - 1,
@@ -479,9 +479,9 @@ impl Controller {
                 };
                 self.received();
             }
-            Step::End => self.rest(),
-            Step::Overload => self.raise(Flag::Overload),
-            Step::Error(kind) => self.error(kind),
+            ReceiverStep::End => self.rest(),
+            ReceiverStep::Overload => self.raise(Flag::Overload),
+            ReceiverStep::Error(kind) => self.error(kind),
         }
     }
 

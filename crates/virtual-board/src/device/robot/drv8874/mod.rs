@@ -88,7 +88,7 @@ enum Power {
     Waking(Time),
     Awake,
     /// nSLEEP is low; the driver still works until this time.
-    Dozing(Time),
+    FallingAsleep(Time),
 }
 
 /// Driver and motor.
@@ -182,8 +182,8 @@ impl Drv8874 {
         self.advance(at);
         self.power = match (self.power, level) {
             (Power::Asleep, true) => Power::Waking(at + self.config.wake),
-            (Power::Dozing(_), true) => Power::Awake,
-            (Power::Awake, false) => Power::Dozing(at + self.config.sleep),
+            (Power::FallingAsleep(_), true) => Power::Awake,
+            (Power::Awake, false) => Power::FallingAsleep(at + self.config.sleep),
             (Power::Waking(_), false) => Power::Asleep,
             (power, _) => power,
         };
@@ -243,7 +243,7 @@ impl Drv8874 {
 
     /// True while the bridge is operational.
     pub fn is_awake(&self) -> bool {
-        matches!(self.power, Power::Awake | Power::Dozing(_))
+        matches!(self.power, Power::Awake | Power::FallingAsleep(_))
     }
 
     /// Derivative of the current at the time of the latest call, A/s.
@@ -285,7 +285,7 @@ impl Drv8874 {
     }
 
     fn faults(&self) -> bool {
-        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let works = matches!(self.power, Power::Awake | Power::FallingAsleep(_));
         let own = self.locked_out || self.over_until.is_some();
         (works && own) || self.is_forced()
     }
@@ -420,7 +420,7 @@ impl Drv8874 {
     fn take_power(&mut self) {
         match self.power {
             Power::Waking(at) if at <= self.now => self.power = Power::Awake,
-            Power::Dozing(at) if at <= self.now => {
+            Power::FallingAsleep(at) if at <= self.now => {
                 self.power = Power::Asleep;
                 (self.over_until, self.over_since, self.braking) = (None, None, None);
             }
@@ -437,7 +437,7 @@ impl Drv8874 {
     /// Checks over-current and the limit of the current regulation.
     fn watch_current(&mut self) {
         let current = self.motor.current_a().abs();
-        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let works = matches!(self.power, Power::Awake | Power::FallingAsleep(_));
         let transistors = self.legs.iter().any(|leg| leg.target != Gate::Off);
         let shorted = self.legs.iter().any(Leg::is_short);
         let over = current >= self.config.over_current_a * (1.0 - 1e-12) || shorted;
@@ -466,7 +466,7 @@ impl Drv8874 {
     }
 
     fn targets(&self) -> [Gate; 2] {
-        let works = matches!(self.power, Power::Awake | Power::Dozing(_));
+        let works = matches!(self.power, Power::Awake | Power::FallingAsleep(_));
         let off = !works || self.locked_out || self.over_until.is_some() || self.is_forced();
         match self.inputs {
             _ if off => [Gate::Off; 2],
@@ -479,29 +479,29 @@ impl Drv8874 {
 
     fn find_due(&self) -> Time {
         let mut due = Time::NEVER;
-        let mut see = |at: Time| {
+        let mut consider = |at: Time| {
             if at > self.now && at < due {
                 due = at;
             }
         };
         if let Some(edge) = self.edges.front() {
-            see(edge.0);
+            consider(edge.0);
         }
         for leg in &self.legs {
-            see(leg.dead_until);
+            consider(leg.dead_until);
         }
-        if let Power::Waking(at) | Power::Dozing(at) = self.power {
-            see(at);
+        if let Power::Waking(at) | Power::FallingAsleep(at) = self.power {
+            consider(at);
         }
         if let Some((from, to)) = self.forced {
-            see(from);
-            see(to);
+            consider(from);
+            consider(to);
         }
         for at in [self.over_until, self.braking].into_iter().flatten() {
-            see(at);
+            consider(at);
         }
         if let Some(since) = self.over_since {
-            see(since + self.config.deglitch);
+            consider(since + self.config.deglitch);
         }
         let current = self.motor.current_a();
         let source = self.source(if current < 0.0 { -1.0 } else { 1.0 });
@@ -515,10 +515,10 @@ impl Drv8874 {
             let at = later(self.now, up.min(down));
             if at != Time::NEVER {
                 // The computed time is rounded down. One picosecond later the current has reached the level.
-                see((at + Time(1)).max(earliest));
+                consider((at + Time(1)).max(earliest));
             }
             if current.abs() >= level {
-                see(earliest);
+                consider(earliest);
             }
         };
         if self.legs.iter().any(|leg| leg.target != Gate::Off) && self.over_since.is_none() {

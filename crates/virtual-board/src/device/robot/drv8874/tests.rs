@@ -175,13 +175,13 @@ fn regulation_holds_the_current_near_its_limit_without_fault() {
     driver.enable(true, Time(MS));
     // The limit is reached after −τ ln(1 − 2·3.08/12) = 0.537 ms. The bridge brakes for 25 µs, which lowers the current
     // by 0.067 A.
-    let (mut least, mut largest) = (2.0f64, 0.0f64);
+    let (mut smallest, mut largest) = (2.0f64, 0.0f64);
     for k in 0..2000 {
         let current = driver.current(Time(2 * MS + k * 1000 * NS));
-        (least, largest) = (least.min(current), largest.max(current));
+        (smallest, largest) = (smallest.min(current), largest.max(current));
     }
     assert!(largest <= 2.0 + 1e-6, "{largest}");
-    assert!((1.93..1.94).contains(&least), "{least}");
+    assert!((1.93..1.94).contains(&smallest), "{smallest}");
     assert_eq!(driver.fault_pin(), Drive::Open);
 }
 

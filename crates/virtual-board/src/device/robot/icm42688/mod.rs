@@ -19,7 +19,7 @@ mod path;
 mod registers;
 
 use crate::device::span_s;
-use crate::finding::{Findings, Kind};
+use crate::finding::{FindingKind, Findings};
 use crate::time::Time;
 use path::{Adaptive, Errors, Path, Settings, Truth};
 use registers::*;
@@ -30,7 +30,7 @@ const RESET_TIME: Time = Time::from_micros(1000);
 /// Time after gyroscope or accelerometer are switched on in which no register may be written.
 const QUIET_TIME: Time = Time::from_micros(200);
 /// Shortest time for which the gyroscope must stay on.
-const LEAST_ON: Time = Time::from_micros(45_000);
+const MIN_ON: Time = Time::from_micros(45_000);
 
 // Bits of INT_STATUS.
 const RESET_DONE: u8 = 0x10;
@@ -205,7 +205,7 @@ impl Icm42688 {
     }
 
     fn note(&mut self, at: Time, text: impl Into<String>) {
-        self.findings.note(Kind::NotModelled, 0, at, text);
+        self.findings.note(FindingKind::NotModelled, 0, at, text);
     }
 
     /// Sets the select line: low means selected.
@@ -364,7 +364,7 @@ impl Icm42688 {
             self.gyro_on_since = Some(at);
         } else if is == 0
             && let Some(since) = self.gyro_on_since.take()
-            && at < since + LEAST_ON
+            && at < since + MIN_ON
         {
             let text = format!("gyroscope off after {:.1} ms", 1e3 * span_s(since, at));
             self.note(at, text);
@@ -449,7 +449,7 @@ impl Choice {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {
                 let text = format!("{}: {what} {value}", self.name);
-                findings.note(Kind::NotModelled, 0, at, text);
+                findings.note(FindingKind::NotModelled, 0, at, text);
             }
             found
         };

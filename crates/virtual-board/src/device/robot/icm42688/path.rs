@@ -6,7 +6,7 @@ use crate::noise::Noise;
 use crate::time::Time;
 
 /// Lowest rate of the filter steps, Hz; slower outputs decimate.
-const LEAST_RATE_HZ: f64 = 8000.0;
+const MIN_RATE_HZ: f64 = 8000.0;
 
 /// True values of three axes, with slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -101,7 +101,7 @@ impl Path {
             order,
             ..
         } = self.settings;
-        self.steps_per_sample = (LEAST_RATE_HZ / rate_hz).ceil().max(1.0) as u64;
+        self.steps_per_sample = (MIN_RATE_HZ / rate_hz).ceil().max(1.0) as u64;
         let step_hz = rate_hz * self.steps_per_sample as f64;
         self.period_ps = 1e12 / (step_hz * (1.0 + self.clock_error));
         self.sigma = self.errors.density * (step_hz / 2.0).sqrt();

@@ -90,7 +90,7 @@ impl Bus {
     }
 }
 
-fn silent() -> InertialConfig {
+fn noiseless() -> InertialConfig {
     InertialConfig {
         gyro_density: 0.0,
         accel_density: 0.0,
@@ -100,7 +100,7 @@ fn silent() -> InertialConfig {
 
 #[test]
 fn reset_restores_reset_values_and_sets_the_status_bit() {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     let values = [0x75, 0x4f, 0x51, 0x52, 0x53].map(|address| bus.read(address));
     assert_eq!(values, [0x47, 0x06, 0x16, 0x11, 0x0d]);
     // INT_STATUS shows the end of the reset once.
@@ -116,7 +116,7 @@ fn reset_restores_reset_values_and_sets_the_status_bit() {
 
 #[test]
 fn firmware_setup_uses_only_modelled_features_and_scales_as_in_the_data_sheet() {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     bus.moves(|motion| {
         motion.rate[2] = 100f64.to_radians();
         motion.force = [0.5 * GRAVITY, 0.0, GRAVITY];
@@ -186,7 +186,7 @@ fn noise_has_the_density_of_the_data_sheet() {
 
 #[test]
 fn ramp_is_delayed_by_the_filters() {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     bus.set_up();
     let from = bus.at;
     bus.moves(|motion| motion.rate_slope[2] = 100f64.to_radians());
@@ -203,7 +203,7 @@ fn ramp_is_delayed_by_the_filters() {
 
 /// Gyroscope samples of a ramp from 0 to 150 °/s and back, one each millisecond.
 fn turn(adaptive: bool) -> Vec<i16> {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     bus.set_up();
     bus.write(0x4d, if adaptive { 0x91 } else { 0x51 });
     let mut samples = Vec::new();
@@ -242,7 +242,7 @@ fn adaptive_range_stalls_the_output_near_100_degrees_per_second_unless_disabled(
 
 #[test]
 fn burst_reads_values_of_one_sample() {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     bus.set_up();
     bus.moves(|motion| motion.rate_slope = [2.0; 3]);
     bus.wait(500_000);
@@ -292,7 +292,7 @@ fn each_fault_has_its_effect_on_reads() {
 
 #[test]
 fn unmodelled_or_forbidden_use_is_a_finding() {
-    let mut bus = Bus::new(silent());
+    let mut bus = Bus::new(noiseless());
     bus.write(0x51, 0x36);
     bus.write(0x7f, 1);
     bus.write(0x4f, 0x16);

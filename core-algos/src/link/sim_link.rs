@@ -1,12 +1,12 @@
 //! Board's side of the link in a session: bytes in, the board's nodes, bytes out.
 //!
-//! The caller writes the board's store, because a write takes time and hardware. After each [`Endpoint::receive`] the
-//! caller polls [`Endpoint::save`] for a pending write and reports its result by [`Endpoint::saved`]. Until then other
+//! The caller writes the board's store, because a write takes time and hardware. After each [`SimLink::receive`] the
+//! caller polls [`SimLink::save`] for a pending write and reports its result by [`SimLink::saved`]. Until then other
 //! requests get no answer, and the host repeats them.
 //!
 //! | request | reaction | refused if | until | reason |
 //! |---|---|---|---|---|
-//! | hello of this version | session open; nodes, received configuration and leave discarded; the next number is new | never | a hello of another version, or reset | either side may have restarted |
+//! | hello of this version | session open; nodes, received configuration and end of session discarded; the next number is new | never | a hello of another version, or reset | either side may have restarted |
 //! | hello of another version | as above, and the session is closed | never | a hello of this version | |
 //! | number of the last request | last answer again, nothing carried out | never | another number, or a hello | the answer was lost |
 //! | any other request | by the rows below | no session: no session; not decoded: malformed | | |
@@ -18,13 +18,13 @@
 //! | parameter set | kept until reset | motors may be on; index unknown; out of range | reset | |
 //! | parameters saved | one write pending; answered when it is done | motors may be on; no node can be built with the values; store broken | answer | a flash write halts the core |
 //! | any, while a save is under way | no answer | | the save is done | the host repeats its request |
-//! | leave | done; the board must be reset | never | hello | |
+//! | end of session | done; the board must be reset | never | hello | |
 //! | rig | done | never | | the session is open |
 //! | other requests for a driving board | none | always: malformed | | the rig simulates the bus and is the only host |
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
 use super::protocol::{
-    self, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, Spread, StackUse,
+    self, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply, Request, Spread, StackUse,
     TELEMETRY_CHUNK, Telemetry,
 };
 use super::stored_parameters::{Save, StoreError, StoredParameters};
@@ -59,12 +59,12 @@ impl Identity {
 
 /// Board's side of the link in a session.
 #[derive(Clone, Debug)]
-pub struct Endpoint {
+pub struct SimLink {
     decoder: Decoder,
     session: Session,
 }
 
-impl Endpoint {
+impl SimLink {
     /// Board after a start, without configuration and with an empty store; `stack` measures stack use.
     #[inline]
     pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
@@ -115,9 +115,9 @@ impl Endpoint {
         self.decoder.counters()
     }
 
-    /// True if the host has left and the board must be reset.
-    pub fn has_left(&self) -> bool {
-        self.session.left
+    /// True if the host has ended the session and the board must be reset.
+    pub fn has_ended(&self) -> bool {
+        self.session.ended
     }
 
     /// Starts nodes that the caller built.
@@ -137,8 +137,8 @@ struct Session {
     stack: fn() -> StackUse,
     /// True after a hello of this protocol version.
     open: bool,
-    /// True if the host has left since the hello.
-    left: bool,
+    /// True if the host has ended the session since the hello.
+    ended: bool,
     /// Number of the last request; `answer` is its reply.
     last: Option<u8>,
     answer: SerialFrame,
@@ -173,7 +173,7 @@ impl Session {
             identity,
             stack,
             open: false,
-            left: false,
+            ended: false,
             last: None,
             answer: SerialFrame::default(),
             configuration: Configuration::default(),
@@ -195,7 +195,7 @@ impl Session {
         }
         let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
         if let Some(Request::Hello { protocol, nonce }) = request {
-            (self.open, self.left) = (protocol == PROTOCOL, false);
+            (self.open, self.ended) = (protocol == PROTOCOL, false);
             self.configuration = Configuration::default();
             self.board = None;
             let reply = Reply::Hello {
@@ -212,7 +212,7 @@ impl Session {
         } else if self.last == Some(number) {
             send(self.answer.repeated());
         } else {
-            self.carry_out(number, request, send);
+            self.execute(number, request, send);
         }
     }
 
@@ -223,7 +223,7 @@ impl Session {
         send(self.answer.bytes());
     }
 
-    fn carry_out(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
+    fn execute(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
         if let (Some(Request::SaveParameters), true) = (request, self.open)
             && let Some(off) = Disarmed::of(self.board.as_ref())
             && self.stored.check().is_ok()
@@ -278,7 +278,7 @@ impl Session {
             | Request::Send { .. } => Err(Refusal::Malformed),
             // The session is already open.
             Request::Rig => Ok(Reply::Done),
-            Request::Leave => self.leave(),
+            Request::EndSession => self.end_session(),
             Request::Configure {
                 total,
                 offset,
@@ -287,7 +287,7 @@ impl Session {
             Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
             // A session has one host, so an order needs no lease.
             Request::Order { order, .. } => {
-                order.carry_out(self.lead()?).map_err(Refusal::Point)?;
+                order.execute(self.lead()?).map_err(Refusal::Point)?;
                 Ok(Reply::Done)
             }
             Request::Axle {
@@ -321,7 +321,7 @@ impl Session {
                     Err(error) => Err(not_kept(error, text)),
                 }
             }
-            // `carry_out` handles a save without an error.
+            // `execute` handles a save without an error.
             Request::SaveParameters => {
                 Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
                 Err(match self.stored.check() {
@@ -336,7 +336,7 @@ impl Session {
         &mut self,
         hash: u32,
         tick: u32,
-        place: Option<Place>,
+        place: Option<Placement>,
         text: &'a mut Text,
     ) -> Result<Reply<'a>, Refusal<'a>> {
         self.board = None;
@@ -354,8 +354,8 @@ impl Session {
         Ok(Reply::Done)
     }
 
-    fn leave<'a>(&mut self) -> Result<Reply<'a>, Refusal<'a>> {
-        self.left = true;
+    fn end_session<'a>(&mut self) -> Result<Reply<'a>, Refusal<'a>> {
+        self.ended = true;
         Ok(Reply::Done)
     }
 

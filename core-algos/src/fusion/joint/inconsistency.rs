@@ -11,7 +11,7 @@ pub(super) const SIGMAS: f32 = 4.0;
 
 /// Part of the robot that the other sensors contradict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doubt {
+pub enum InconsistentSensor {
     /// Wheels, tyres, track, or axles askew.
     Wheels,
     /// Zeros and gains of the strain gauges.
@@ -25,7 +25,7 @@ impl Joint {
     ///
     /// A pair of front and rear counts by its sum and its difference: the common part may be unobservable, and the
     /// error of one axle is then spread over both.
-    pub fn doubt(&self, state: &State) -> Option<Doubt> {
+    pub fn inconsistent_sensor(&self, state: &State) -> Option<InconsistentSensor> {
         let of = |k: usize| state.constants[k].abs() * self.per_limit[k];
         let pair = |k: usize| core::f32::consts::FRAC_1_SQRT_2 * (of(k) + of(k + 1));
         let largest = |scores: &[f32]| scores.iter().fold(0.0, |most: f32, &score| most.max(score));
@@ -37,11 +37,11 @@ impl Joint {
         if !(most > 1.0) {
             None
         } else if most == wheels {
-            Some(Doubt::Wheels)
+            Some(InconsistentSensor::Wheels)
         } else if most == gauges {
-            Some(Doubt::Gauges)
+            Some(InconsistentSensor::Gauges)
         } else {
-            Some(Doubt::Gyros)
+            Some(InconsistentSensor::Gyros)
         }
     }
 }

@@ -2,18 +2,20 @@
 //! them repeated, stale or damaged, while time passes and motor states change.
 #![no_main]
 
-use cfmmr_fuzz::attendant_model::{Attendants, Frame, Outcome};
 use cfmmr_fuzz::numbers::Bytes;
+use cfmmr_fuzz::run_link_model::{Frame, Outcome, RunLinks};
 use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
 use core_algos::control::path::PathError;
-use core_algos::link::attendant::Station;
 use core_algos::link::framing::{Decoder, SerialFrame};
-use core_algos::link::protocol::{self, CrashRecord, PROTOCOL, Packed, Place, Request, StackUse};
-use core_algos::link::{Attendant, Identity, MotorState, Order, Stamp};
+use core_algos::link::protocol::{
+    self, CrashRecord, PROTOCOL, Packed, Placement, Request, StackUse,
+};
+use core_algos::link::run_link::Station;
+use core_algos::link::{Identity, MotorState, Order, RunLink, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::robot::{RobotConfig, Told};
+use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::topology::{FrameId, Role};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
@@ -32,29 +34,28 @@ const STEPS: [u64; 8] = [
     1 << 40,
 ];
 
-/// Attendants of a board, the board's state, and the model of both.
-struct Bench {
-    attendants: [Attendant; 2],
+/// Run links of a board, the board's state, and the model of both.
+struct BoardBench {
+    run_links: [RunLink; 2],
     station: Station,
-    model: Attendants,
+    model: RunLinks,
     /// Latest request of each host, for repetitions.
     latest: [Vec<u8>; 2],
     numbers: [u8; 2],
     sequences: [u16; 3],
 }
 
-impl Bench {
+impl BoardBench {
     fn new(role: Role) -> Self {
         let identity = Identity {
             build: "fuzz",
             role,
         };
-        let attendant =
-            || Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let run_link = || RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         Self {
-            attendants: [attendant(), attendant()],
+            run_links: [run_link(), run_link()],
             station: Station::default(),
-            model: Attendants::new(role, &CONFIG),
+            model: RunLinks::new(role, &CONFIG),
             latest: [Vec::new(), Vec::new()],
             numbers: [0; 2],
             sequences: [0, u16::MAX - 3, 0x7ffe],
@@ -74,7 +75,7 @@ impl Bench {
 
     fn receive(&mut self, port: usize, bytes: &[u8], frames: &[Frame]) {
         let mut sent = Vec::new();
-        let demand = self.attendants[port].receive(bytes, &mut self.station, &mut |reply| {
+        let demand = self.run_links[port].receive(bytes, &mut self.station, &mut |reply| {
             sent.extend_from_slice(reply);
         });
         let (now, motors) = (self.station.now, self.station.motors);
@@ -171,7 +172,7 @@ impl Bench {
                 payload: &inner[..usize::from(kind >> 4 & 3)],
             },
             13 => [
-                Request::Leave,
+                Request::EndSession,
                 Request::SaveParameters,
                 Request::Parameters,
                 Request::Resume { tick: 1 },
@@ -215,7 +216,7 @@ impl Bench {
             false => Ok(()),
         };
         let mut sent = Vec::new();
-        self.attendants[port].done(result, &mut |reply| sent.extend_from_slice(reply));
+        self.run_links[port].done(result, &mut |reply| sent.extend_from_slice(reply));
         assert_eq!(sent, self.model.done(port, result), "end of an order");
     }
 
@@ -230,7 +231,7 @@ impl Bench {
         let payload = [bytes.take(3), &vec![head; length]].concat();
         let payload = &payload[..payload.len().min(248)];
         let mut sent = Vec::new();
-        self.attendants[port].relayed(from, payload, &mut |reply| {
+        self.run_links[port].relayed(from, payload, &mut |reply| {
             sent.extend_from_slice(reply);
         });
         assert_eq!(
@@ -243,7 +244,7 @@ impl Bench {
 
 fn order(bytes: &mut Bytes) -> Order {
     match bytes.byte() % 7 {
-        0 => Order::Place(place()),
+        0 => Order::SetPose(placement()),
         1 => Order::Task(Task::Stop),
         2 => Order::Task(Task::Clear),
         3 => Order::Task(Task::Drive {
@@ -259,8 +260,8 @@ fn order(bytes: &mut Bytes) -> Order {
     }
 }
 
-fn place() -> Place {
-    CONFIG.put_down(Posture::ORIGIN, &Told::default())
+fn placement() -> Placement {
+    CONFIG.placement(Posture::ORIGIN, &ConfiguredPlacement::default())
 }
 
 /// Changes or removes a byte between the zeros at the ends.
@@ -292,7 +293,7 @@ fn payload_of(frame: &[u8]) -> Option<Vec<u8>> {
 
 fuzz_target!(|data: &[u8]| {
     let mut bytes = Bytes(data);
-    let mut bench = Bench::new(Role::PAIR[usize::from(bytes.byte()) % 3]);
+    let mut bench = BoardBench::new(Role::PAIR[usize::from(bytes.byte()) % 3]);
     while !bytes.is_empty() {
         match bytes.byte() {
             0..=31 => {

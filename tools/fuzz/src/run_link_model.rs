@@ -81,7 +81,7 @@ impl Commander {
 /// State of the board for one host.
 #[derive(Default)]
 struct Port {
-    greeted: bool,
+    hello_received: bool,
     pending: Option<u8>,
     /// Number and payload of the latest reply, sent again for a repeated request.
     answered: Option<(u8, Vec<u8>)>,
@@ -89,8 +89,8 @@ struct Port {
     counters: Counters,
 }
 
-/// Model of the attendants at the serial port and on the bus, with shared state.
-pub struct Attendants {
+/// Model of the run links at the serial port and on the bus, with shared state.
+pub struct RunLinks {
     role: Role,
     configuration: Vec<u8>,
     commander: Commander,
@@ -110,7 +110,7 @@ enum Due {
     Later(Demand),
 }
 
-impl Attendants {
+impl RunLinks {
     pub fn new(role: Role, config: &RobotConfig) -> Self {
         let mut room = [0; protocol::MAX_CONFIG];
         Self {
@@ -155,7 +155,7 @@ impl Attendants {
             let port = &mut self.ports[port];
             match due {
                 Due::Greeting(reply) => {
-                    (port.answered, port.greeted) = (None, true);
+                    (port.answered, port.hello_received) = (None, true);
                     sent.extend(framed(&reply, false));
                 }
                 Due::Repetition(reply) => sent.extend(framed(&reply, true)),
@@ -250,7 +250,9 @@ impl Attendants {
             {
                 other()
             }
-            Some(Request::Order { .. }) if !self.ports[port].greeted => refused(Refusal::NoSession),
+            Some(Request::Order { .. }) if !self.ports[port].hello_received => {
+                refused(Refusal::NoSession)
+            }
             Some(request) => self.commanded(number, now, motors, &request),
         }
     }
@@ -276,7 +278,7 @@ impl Attendants {
                 Due::Reply(reply(Reply::Done))
             }
             Request::Order { order, .. } => match order {
-                Order::Place(_) if motors == MotorState::Driven => refused(Refusal::Armed),
+                Order::SetPose(_) if motors == MotorState::Driven => refused(Refusal::Armed),
                 order => Due::Later(Demand::Order(stamp.sequence, *order)),
             },
             _ => Due::Reply(reply(Reply::Done)),

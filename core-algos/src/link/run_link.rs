@@ -4,14 +4,14 @@
 //! |---|---|---|---|---|
 //! | [`Request::Hello`] of any version | identity sent; the next number is new; the front board takes orders | at once | reset | host or board may have restarted |
 //! | number of the last request | last answer again, nothing carried out | at once | another number or a hello | the answer was lost |
-//! | any, while an order is carried out | no answer | at once | [`Attendant::done`], which answers the order | the host repeats its request |
+//! | any, while an order is carried out | no answer | at once | [`RunLink::done`], which answers the order | the host repeats its request |
 //! | [`Request::Relay`] to another board, on the front board | forwarded each time; one reply of the latest destination returned | reply of the destination | the reply | the destination recognizes repetitions |
 //! | [`Request::Relay`] with an empty payload | refused: malformed | at once | | there is nothing to forward |
 //! | [`Request::Relay`] otherwise | refused: other board | at once | | identifiers on the bus do not name the relaying board, so there is only one |
 //! | [`Request::Order`] before a hello, on the front board | refused: no session; takes no lease | at once | a hello | the order was meant for the board before its restart |
 //! | order, [`Request::Keep`], [`Request::Release`] on another board | refused: other board | at once | | the lead node is on the front board |
 //! | order, keep, release, record on the front board, without the lease or with an old number | refused: leased, old order | at once | [`Lease`] | one host commands |
-//! | [`Order::Place`] while the nodes drive | refused: armed, and the lease renewed | at once | motors off or braking | the posture would jump under the controller |
+//! | [`Order::SetPose`] while the nodes drive | refused: armed, and the lease renewed | at once | motors off or braking | the posture would jump under the controller |
 //! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors are restarted |
 //! | [`Request::Send`] without a frame, with an invalid frame or a frame of a node | refused: malformed | at once | | a host sends only as the service tool |
 //! | [`Request::Watch`], [`Request::Stack`], [`Request::Crash`], [`Request::Configuration`] | carried out in every motor state | at once | | reading is always safe |
@@ -21,7 +21,6 @@
 //! A [`Demand`] is an action that the caller must perform. Requests behind a demand in the same bytes get no answer,
 //! and the host repeats them.
 
-use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
 use super::lease::{Denied, Lease};
 use super::order::Order;
@@ -29,6 +28,7 @@ use super::protocol::{
     self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Refusal, Reply, Request,
     Spread, StackUse, Telemetry,
 };
+use super::sim_link::Identity;
 use crate::bus::{self, CanFrame, layout};
 use crate::control::path::PathError;
 use crate::node::robot::RobotConfig;
@@ -46,15 +46,15 @@ const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 #[derive(Clone, Debug, PartialEq)]
 #[must_use]
 pub enum Demand {
-    /// Carry out the order with this sequence number and report the result by [`Attendant::done`].
+    /// Carry out the order with this sequence number and report the result by [`RunLink::done`].
     Order(u16, Order),
     /// Reset into a session.
     Session,
-    /// Send a frame to another board over the bus and pass the reply to [`Attendant::relayed`].
+    /// Send a frame to another board over the bus and pass the reply to [`RunLink::relayed`].
     Relay(Role, SerialFrame),
     /// Send a frame on the bus.
     Send(CanFrame),
-    /// Pass entries and outputs of the lead node to the attendant and call [`Attendant::report`] every [`REPORT_MS`].
+    /// Pass entries and outputs of the lead node to the run link and call [`RunLink::report`] every [`REPORT_MS`].
     Watch,
     /// Restart the nodes.
     Record,
@@ -73,7 +73,7 @@ pub enum MotorState {
     Driven,
 }
 
-/// State of a board, shared by the attendants of its ports.
+/// State of a board, shared by the run links of its ports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Station {
     /// Time of the board, µs.
@@ -111,7 +111,7 @@ impl Station {
             })?;
         match request {
             Request::Order {
-                order: Order::Place(_),
+                order: Order::SetPose(_),
                 ..
             } if self.motors == MotorState::Driven => Err(Refusal::Armed),
             _ => Ok(()),
@@ -184,7 +184,7 @@ fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> R
 
 /// A driving board's side of the link.
 #[derive(Clone, Debug)]
-pub struct Attendant {
+pub struct RunLink {
     decoder: Decoder,
     identity: Identity,
     stack: fn() -> StackUse,
@@ -195,7 +195,7 @@ pub struct Attendant {
     /// Request number of an order that is being carried out.
     pending: Option<u8>,
     /// True after the first hello since the start.
-    greeted: bool,
+    hello_received: bool,
     /// Destination of a relayed request whose reply is awaited.
     relaying: Option<Role>,
     telemetry: Spread,
@@ -204,7 +204,7 @@ pub struct Attendant {
     reports: u16,
 }
 
-impl Attendant {
+impl RunLink {
     /// Board after a start. `config` is the configuration of its nodes, `stack` measures stack use, `crash` reads the
     /// crash record.
     pub fn new(
@@ -221,7 +221,7 @@ impl Attendant {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
-            greeted: false,
+            hello_received: false,
             relaying: None,
             telemetry: Spread::default(),
             config,
@@ -281,7 +281,9 @@ impl Attendant {
                 request => {
                     let admitted = match request {
                         // The order was meant for the board before its restart.
-                        Some(Request::Order { .. }) if !self.greeted && role == Role::LEAD => {
+                        Some(Request::Order { .. })
+                            if !self.hello_received && role == Role::LEAD =>
+                        {
                             Err(Refusal::NoSession)
                         }
                         Some(request) => station.admit(role, &request),
@@ -306,7 +308,7 @@ impl Attendant {
             let again = matches!(reply, Reply::Hello { .. });
             self.respond(number, protocol::encode(number, &reply), send);
             if again {
-                (self.last, self.greeted) = (None, true);
+                (self.last, self.hello_received) = (None, true);
             }
         }
         demand
@@ -329,7 +331,7 @@ impl Attendant {
     }
 
     /// Sets the next output of the lead node to send.
-    pub fn tell(&mut self, telemetry: &Telemetry) {
+    pub fn send_telemetry(&mut self, telemetry: &Telemetry) {
         self.telemetry.fill(telemetry);
     }
 

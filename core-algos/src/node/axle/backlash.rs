@@ -17,7 +17,7 @@ const CROSSED: f32 = TICK as f32 / 30e3;
 
 /// The gap of one gear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Play {
+pub(super) struct Backlash {
     torque: f32,
     /// Position in the gap, from -0.5 (the flank that drives backward) to 0.5; 0 if unknown.
     flank: f32,
@@ -25,7 +25,7 @@ pub(super) struct Play {
     crossed: f32,
 }
 
-impl Play {
+impl Backlash {
     /// One tick with this torque, N m.
     pub(super) fn step(&mut self, torque_nm: f32) {
         self.torque += (torque_nm - self.torque) * LAG_GAIN;
@@ -65,10 +65,10 @@ mod tests {
 
     #[test]
     fn a_reversal_adds_the_variance_of_the_gap_and_a_push_to_the_same_side_none() {
-        let mut play = Play::default();
+        let mut backlash = Backlash::default();
         let mut run = |torque: f32, ticks: u32| {
-            (0..ticks).for_each(|_| play.step(torque));
-            play.take_variance() / (GAP_M * GAP_M)
+            (0..ticks).for_each(|_| backlash.step(torque));
+            backlash.take_variance() / (GAP_M * GAP_M)
         };
         // From the middle to a flank: the position is unknown at the start.
         assert!((run(0.1, 60) - 0.5).abs() < 1e-5);
@@ -82,11 +82,11 @@ mod tests {
     /// Reference: sum over both wheels of the effect of each wheel's error on advance and heading.
     #[test]
     fn added_covariance_is_that_of_independent_errors_of_both_wheels() {
-        let (half_track, share, ways) = (0.162, 0.7, [2e-4f32, 5e-4]);
+        let (half_track, share, travels) = (0.162, 0.7, [2e-4f32, 5e-4]);
         let mut sums = [0.0f32; 3];
-        for (k, way) in ways.into_iter().enumerate() {
+        for (k, travel) in travels.into_iter().enumerate() {
             // Errors of the two wheels are independent.
-            let (left, right) = if k == 0 { (way, 0.0) } else { (0.0, way) };
+            let (left, right) = if k == 0 { (travel, 0.0) } else { (0.0, travel) };
             let (ahead, turned) = (
                 0.5 * (left + right),
                 share * (right - left) / (2.0 * half_track),
@@ -95,7 +95,12 @@ mod tests {
             sums[1] += ahead * turned;
             sums[2] += turned * turned;
         }
-        let added = add([[0.0; 3]; 3], ways.map(|way| way * way), half_track, share);
+        let added = add(
+            [[0.0; 3]; 3],
+            travels.map(|travel| travel * travel),
+            half_track,
+            share,
+        );
         for (found, expected) in [
             (added[0][0], sums[0]),
             (added[0][2], sums[1]),

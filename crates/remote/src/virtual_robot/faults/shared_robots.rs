@@ -1,24 +1,24 @@
 //! Robots at the time of the fault: cases with equal options, seed and time of the fault share the run until then.
 
 use super::Campaign;
-use super::bench::Bench;
-use super::entry::Course;
-use super::outcome::Case;
+use super::bench::FaultBench;
+use super::entry::RunKind;
+use super::outcome::FaultCase;
 use crate::virtual_robot::{Options, store};
 use host_sim::base::error::Error;
 use std::sync::{Mutex, PoisonError};
 
 /// Size of the store in the flash, bytes.
-const KEPT: usize = 3 * (16 << 10);
+const STORE_BYTES: usize = 3 * (16 << 10);
 
 /// A robot at the time of the fault, and the stores of its boards at the start.
-type Robot = (Bench, Vec<Vec<u8>>);
+type Robot = (FaultBench, Vec<Vec<u8>>);
 
 /// Stores of all boards, bytes.
-pub fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
+pub fn stores(bench: &mut FaultBench) -> Vec<Vec<u8>> {
     let boards = bench.robot.network.boards();
     boards
-        .map(|board| board.chip().flash()[store::FIRST..store::FIRST + KEPT].to_vec())
+        .map(|board| board.chip().flash()[store::FIRST..store::FIRST + STORE_BYTES].to_vec())
         .collect()
 }
 
@@ -32,7 +32,7 @@ struct Group {
 }
 
 impl Group {
-    fn of(case: &Case) -> Self {
+    fn of(case: &FaultCase) -> Self {
         Self {
             options: case.entry.options(),
             seed: case.seed,
@@ -41,7 +41,7 @@ impl Group {
         }
     }
 
-    fn holds(&self, case: &Case) -> bool {
+    fn holds(&self, case: &FaultCase) -> bool {
         if (self.seed, self.after_ms) != (case.seed, case.after_ms) {
             return false;
         }
@@ -52,31 +52,31 @@ impl Group {
     }
 
     fn drive(&self, campaign: &Campaign) -> Result<Robot, Error> {
-        let mut bench = Bench::new(campaign, self.options.clone(), self.seed)?;
-        let before = kept(&mut bench);
+        let mut bench = FaultBench::new(campaign, self.options.clone(), self.seed)?;
+        let before = stores(&mut bench);
         bench.robot.boot(&self.options)?;
         bench.press();
-        bench.pass(self.after_ms);
+        bench.run_for(self.after_ms);
         Ok((bench, before))
     }
 }
 
 /// One robot per group of cases: driven for the group's first case and kept until its last.
-pub struct UnderWay(Vec<Group>);
+pub struct SharedRobots(Vec<Group>);
 
-impl UnderWay {
+impl SharedRobots {
     /// Groups these cases, each of which asks for its robot once.
-    pub fn of(cases: &[Case]) -> Self {
+    pub fn of(cases: &[FaultCase]) -> Self {
         let mut all = Self(Vec::new());
         for case in cases {
-            if !matches!(case.entry.course, Course::Drive(_)) {
+            if !matches!(case.entry.kind, RunKind::Drive(_)) {
                 continue;
             }
-            let place = all.place(case);
-            if place == all.0.len() {
+            let index = all.group_index(case);
+            if index == all.0.len() {
                 all.0.push(Group::of(case));
             }
-            let state = all.0[place].state.get_mut();
+            let state = all.0[index].state.get_mut();
             state.unwrap_or_else(PoisonError::into_inner).0 += 1;
         }
         all
@@ -84,14 +84,14 @@ impl UnderWay {
 
     /// Index of a case's group, or the number of groups if there is none. Cases sorted by this index keep few robots
     /// in memory.
-    pub fn place(&self, case: &Case) -> usize {
+    pub fn group_index(&self, case: &FaultCase) -> usize {
         let found = self.0.iter().position(|group| group.holds(case));
         found.unwrap_or(self.0.len())
     }
 
     /// Robot of a case at the time of the fault.
-    pub(super) fn get(&self, campaign: &Campaign, case: &Case) -> Result<Robot, Error> {
-        let Some(group) = self.0.get(self.place(case)) else {
+    pub(super) fn get(&self, campaign: &Campaign, case: &FaultCase) -> Result<Robot, Error> {
+        let Some(group) = self.0.get(self.group_index(case)) else {
             return Group::of(case).drive(campaign);
         };
         let mut state = group.state.lock().unwrap_or_else(PoisonError::into_inner);

@@ -6,7 +6,7 @@ use crate::bus::Message;
 use crate::fusion::testing::Random;
 use crate::link::framing::Counters;
 use crate::link::protocol::{POINTS, Packed};
-use crate::link::tests::{CONFIG, STACK, below, damage, order, payloads, place, stamp};
+use crate::link::tests::{CONFIG, STACK, below, damage, order, payloads, placement, stamp};
 use crate::math::Posture;
 use crate::node::lead::Task;
 use crate::node::{axle, beam};
@@ -25,9 +25,9 @@ fn crash() -> CrashRecord {
     }
 }
 
-/// Attendant with its board state and latest demand.
+/// Run link with its board state and latest demand.
 struct Driving {
-    attendant: Attendant,
+    run_link: RunLink,
     station: Station,
     demand: Option<Demand>,
 }
@@ -39,7 +39,7 @@ impl Driving {
             role,
         };
         Self {
-            attendant: Attendant::new(identity, &CONFIG, || STACK, crash),
+            run_link: RunLink::new(identity, &CONFIG, || STACK, crash),
             station: Station::default(),
             demand: None,
         }
@@ -54,32 +54,32 @@ impl Driving {
     }
 
     /// Board after a hello.
-    fn greeted(role: Role) -> Self {
+    fn after_hello(role: Role) -> Self {
         let mut board = Self::new(role);
         let (protocol, nonce) = (PROTOCOL, 1);
-        board.ask(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
+        board.request(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
         board
     }
 
     /// Payloads of the answers to a request.
-    fn ask(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
+    fn request(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
         let frame = protocol::encode(number, request).unwrap();
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
         self.station.motors = motors;
         self.demand = self
-            .attendant
+            .run_link
             .receive(frame.bytes(), &mut self.station, &mut send);
         payloads(&sent)
     }
 
     fn expect(&mut self, number: u8, request: &Request, motors: MotorState, reply: Reply) {
-        assert_answered(&self.ask(number, request, motors), number, reply);
+        assert_answered(&self.request(number, request, motors), number, reply);
     }
 
     fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
         let mut sent = Vec::new();
-        self.attendant
+        self.run_link
             .done(done, &mut |answer| sent.extend_from_slice(answer));
         payloads(&sent)
     }
@@ -92,7 +92,7 @@ fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
 
 #[test]
 fn requests_behind_a_demand_in_the_same_bytes_get_no_answer() {
-    let mut board = Driving::greeted(Role::axle(1));
+    let mut board = Driving::after_hello(Role::axle(1));
     board.station.motors = MotorState::Off;
     let requests = [Request::Record(stamp(7, 1)), Request::Watch, Request::Stack];
     let mut bytes = Vec::new();
@@ -101,8 +101,8 @@ fn requests_behind_a_demand_in_the_same_bytes_get_no_answer() {
     }
     let mut sent = Vec::new();
     let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-    let attendant = &mut board.attendant;
-    let demand = attendant.receive(&bytes, &mut board.station, &mut send);
+    let run_link = &mut board.run_link;
+    let demand = run_link.receive(&bytes, &mut board.station, &mut send);
     assert_eq!(demand, Some(Demand::Record));
     assert_answered(&payloads(&sent), 1, Reply::Done);
 }
@@ -113,7 +113,7 @@ fn configuration_of_driving_board_is_read_in_parts() {
     let mut read = Vec::new();
     for number in 1.. {
         let offset = read.len() as u16;
-        let answers = board.ask(
+        let answers = board.request(
             number,
             &Request::Configuration { offset },
             MotorState::Driven,
@@ -166,7 +166,7 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     let (done, refused) = (Some(Reply::Done), |why| Some(Reply::Refused(why)));
     let [armed, malformed, none] =
         [Refusal::Armed, Refusal::Malformed, Refusal::NoSession].map(refused);
-    let (stand, stop) = (Order::Place(place()), Order::Task(Task::Stop));
+    let (stand, stop) = (Order::SetPose(placement()), Order::Task(Task::Stop));
     let crash = Some(Reply::Crash {
         counts: [1, 2, 3, 4],
         message: "panicked at tick.rs:120",
@@ -222,7 +222,7 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     ];
     rows.extend(
         [
-            Request::Leave,
+            Request::EndSession,
             Request::Configure {
                 total,
                 offset,
@@ -258,11 +258,11 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
         .flat_map(|row| Topology::PAIR.boards().map(move |role| (row, role)))
     {
         for (i, motors) in MOTORS.into_iter().enumerate() {
-            let mut board = Driving::greeted(role);
+            let mut board = Driving::after_hello(role);
             let other = refused(Refusal::OtherBoard { role });
             let foreign = *only_front && role != Role::LEAD;
             let expected = if foreign { other } else { replies[i] };
-            let answers = board.ask(1, request, motors);
+            let answers = board.request(1, request, motors);
             let granted = expected.is_none() || expected == done;
             let demanded = demand.clone().filter(|_| granted);
             assert_eq!(board.demand, demanded, "{request:?} {role:?} {motors:?}");
@@ -294,7 +294,7 @@ fn request_that_cannot_be_decoded_is_malformed() {
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
         let demand = board
-            .attendant
+            .run_link
             .receive(frame.bytes(), &mut board.station, &mut send);
         assert_eq!(demand, None);
         let malformed = Reply::Refused(Refusal::Malformed);
@@ -317,7 +317,7 @@ fn hello_is_answered_in_every_state_and_version_and_clears_the_last_number() {
                 protocol: version,
                 nonce,
             };
-            let received = board.attendant.decoder.counters().received;
+            let received = board.run_link.decoder.counters().received;
             let reply = Reply::Hello {
                 protocol: PROTOCOL,
                 nonce,
@@ -358,8 +358,8 @@ fn front_board_takes_orders_only_after_the_first_hello() {
         Reply::Done,
     );
     let (protocol, nonce) = (PROTOCOL + 1, 1);
-    board.ask(5, &Request::Hello { protocol, nonce }, MotorState::Off);
-    assert!(board.ask(6, &stop(1), MotorState::Off).is_empty());
+    board.request(5, &Request::Hello { protocol, nonce }, MotorState::Off);
+    assert!(board.request(6, &stop(1), MotorState::Off).is_empty());
     assert!(board.order().is_some());
     // The rear board refuses by role, also before a hello.
     let role = Role::axle(1);
@@ -369,7 +369,7 @@ fn front_board_takes_orders_only_after_the_first_hello() {
 
 #[test]
 fn requests_in_the_same_bytes_are_answered_in_order() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let frames = [Request::Stack, Request::Watch].map(|it| protocol::encode(9, &it));
     let [stack, watch] = frames.map(Option::unwrap);
     let hello = Request::Hello {
@@ -380,17 +380,17 @@ fn requests_in_the_same_bytes_are_answered_in_order() {
     let lot = [stack.bytes(), hello.bytes(), watch.bytes()].concat();
     let mut sent = Vec::new();
     let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-    let demand = board.attendant.receive(&lot, &mut board.station, &mut send);
+    let demand = board.run_link.receive(&lot, &mut board.station, &mut send);
     assert_eq!(demand, Some(Demand::Watch));
     let answers = payloads(&sent);
     assert_answered(&answers[..1], 9, Reply::Stack(STACK));
     assert_answered(&answers[2..], 9, Reply::Done);
     // The answer to a repetition begins with a 0, in case the first one was cut short.
-    let answer = sent.split_off(sent.len() - board.attendant.answer.bytes().len());
+    let answer = sent.split_off(sent.len() - board.run_link.answer.bytes().len());
     let mut again = Vec::new();
     let mut send = |answer: &[u8]| again.extend_from_slice(answer);
     let demand = board
-        .attendant
+        .run_link
         .receive(watch.bytes(), &mut board.station, &mut send);
     assert_eq!((demand, again), (None, [&[0], &answer[..]].concat()));
 }
@@ -408,7 +408,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
         payload: inner,
     };
     for _ in 0..2 {
-        assert!(board.ask(9, &relay, MotorState::Driven).is_empty());
+        assert!(board.request(9, &relay, MotorState::Driven).is_empty());
         let frame = SerialFrame::new(inner).unwrap();
         assert_eq!(board.demand, Some(Demand::Relay(role, frame)));
     }
@@ -416,7 +416,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     let mut relayed = |from| {
         let mut sent = Vec::new();
         let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
-        board.attendant.relayed(from, reply, &mut send);
+        board.run_link.relayed(from, reply, &mut send);
         payloads(&sent)
     };
     assert!(relayed(Role::axle(1)).is_empty());
@@ -441,21 +441,21 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
 
 #[test]
 fn repeated_order_is_carried_out_once_and_answered_when_done() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
+    assert!(board.request(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(drive));
     // The host repeats the order before it is done.
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
+    assert!(board.request(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.demand, None);
     let hello = Request::Hello {
         protocol: PROTOCOL,
         nonce: 1,
     };
     for (number, other) in [(2, &request), (3, &Request::Watch), (4, &hello)] {
-        assert!(board.ask(number, other, MotorState::Off).is_empty());
+        assert!(board.request(number, other, MotorState::Off).is_empty());
         assert_eq!(board.demand, None);
     }
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
@@ -465,7 +465,7 @@ fn repeated_order_is_carried_out_once_and_answered_when_done() {
 
     let points = [None; POINTS];
     let path = order(Order::Path { points, end: true });
-    assert!(board.ask(2, &path, MotorState::Driven).is_empty());
+    assert!(board.request(2, &path, MotorState::Driven).is_empty());
     let full = Reply::Refused(Refusal::Point(PathError::Full));
     assert_answered(&board.done(Err(PathError::Full)), 2, full);
     board.expect(2, &path, MotorState::Driven, full);
@@ -474,14 +474,14 @@ fn repeated_order_is_carried_out_once_and_answered_when_done() {
 /// An order of another host or a delayed order does not reach the lead node.
 #[test]
 fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let stop = Order::Task(Task::Stop);
     let of = |owner, sequence| Request::Order {
         stamp: stamp(owner, sequence),
         order: stop,
     };
     let refused = Reply::Refused;
-    assert!(board.ask(1, &of(1, 10), MotorState::Driven).is_empty());
+    assert!(board.request(1, &of(1, 10), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
     for (number, request, refusal) in [
@@ -503,14 +503,14 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 900_000;
     board.expect(8, &release, MotorState::Driven, Reply::Done);
     board.station.now = 1_000_001;
-    assert!(board.ask(9, &of(2, 1), MotorState::Driven).is_empty());
+    assert!(board.request(9, &of(2, 1), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     board.done(Ok(()));
     // A place order refused as armed renews the lease; a record refused as armed does not.
     board.station.now = 2_000_001;
     let stand = Request::Order {
         stamp: stamp(2, 2),
-        order: Order::Place(place()),
+        order: Order::SetPose(placement()),
     };
     board.expect(12, &stand, MotorState::Driven, refused(Refusal::Armed));
     let record = Request::Record(stamp(2, 3));
@@ -523,7 +523,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 3_000_002;
     board.expect(16, &keep, MotorState::Driven, Reply::Done);
     // Boards without the lead node have no lease.
-    let mut board = Driving::greeted(Role::axle(1));
+    let mut board = Driving::after_hello(Role::axle(1));
     for owner in [1, 2] {
         let record = Request::Record(stamp(owner, 1));
         board.expect(owner as u8, &record, MotorState::Off, Reply::Done);
@@ -536,7 +536,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
 fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     const FRAMES: u32 = 1_000_000;
     let mut random = Random::new(17);
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let (mut sequence, mut sent, mut carried) = (0u16, 0, 0);
     for k in 0..FRAMES {
         board.station.now += TICK;
@@ -563,7 +563,7 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
             _ => {}
         }
         let demand = board
-            .attendant
+            .run_link
             .receive(&bytes, &mut board.station, &mut |_| {});
         if demand.is_none() {
             assert_ne!(kind, 0);

@@ -1,12 +1,12 @@
 //! Trials of a single board: power failures at the start and during flash writes, and damaged flash contents.
 
 use super::Campaign;
-use super::bench::Bench;
+use super::bench::FaultBench;
 use super::run::node;
 use crate::virtual_robot::{Options, store};
 use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
-use core_algos::params::stored::Report;
+use core_algos::params::stored::StoreReport;
 use core_algos::params::{Disarmed, Settings, TABLE};
 use core_algos::safety::Condition;
 use core_algos::topology::{FrameId, Node, Role};
@@ -20,11 +20,11 @@ use rand::RngExt;
 use std::ops::Range;
 use virtual_board::Time;
 use virtual_board::chip::FlashOperation;
-use virtual_board::finding::Kind;
+use virtual_board::finding::FindingKind;
 use virtual_board::wire::{Frame, Id};
 
 /// Result of a trial: the number of cases, or the failure.
-type Found = Result<Result<usize, String>, Error>;
+type TrialResult = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;
 /// Address range of the store in the flash.
@@ -39,22 +39,22 @@ const fn ms(count: u64) -> Time {
 }
 
 /// A bench whose boards are off, with a bus node that acknowledges.
-fn rig(campaign: &Campaign, seed: u64) -> Result<Bench, Error> {
-    let mut bench = Bench::new(campaign, Options::default(), seed)?;
+fn acknowledging_bench(campaign: &Campaign, seed: u64) -> Result<FaultBench, Error> {
+    let mut bench = FaultBench::new(campaign, Options::default(), seed)?;
     bench.intruder(|_, _| {});
     Ok(bench)
 }
 
-impl Bench {
+impl FaultBench {
     /// Runs boards and plant for `ms` milliseconds.
-    pub fn pass(&mut self, ms: u64) {
+    pub fn run_for(&mut self, ms: u64) {
         for _ in 0..ms {
             self.robot.advance();
         }
     }
 
     /// Switches a board on and waits for its first status message.
-    fn start_alone(&mut self, role: Role) {
+    fn start_board(&mut self, role: Role) {
         self.board(role, |board| board.power(true));
         let now = self.now();
         // The beam board sends only if another node sends the common time.
@@ -64,16 +64,16 @@ impl Bench {
                     epoch,
                     last_delay_us: (epoch > 0).then_some(0),
                 };
-                self.say(now + ms(50 + 10 * u64::from(epoch)), &message);
+                self.send(now + ms(50 + 10 * u64::from(epoch)), &message);
             }
         }
-        self.wait(role);
+        self.await_status(role);
     }
 
     /// Waits for the first status message of a board, at most [`STARTED_MS`].
-    fn wait(&mut self, role: Role) {
+    fn await_status(&mut self, role: Role) {
         for _ in 0..STARTED_MS {
-            self.pass(1);
+            self.run_for(1);
             if self.robot.monitor().latest(node(role)).is_some() {
                 return;
             }
@@ -81,7 +81,7 @@ impl Bench {
     }
 
     /// Sends a message from the bus node that is no board.
-    fn say(&mut self, at: Time, message: &Message) {
+    fn send(&mut self, at: Time, message: &Message) {
         let Ok(frame) = bus::encode(message) else {
             return;
         };
@@ -91,13 +91,13 @@ impl Bench {
     }
 
     /// Contents of the store in a board's flash.
-    fn stored(&mut self, role: Role) -> Vec<u8> {
+    fn read_store(&mut self, role: Role) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
         bytes
     }
 
-    fn store(&mut self, role: Role, bytes: &[u8]) {
+    fn write_store(&mut self, role: Role, bytes: &[u8]) {
         self.board(role, |board| {
             board.chip().flash()[STORE].copy_from_slice(bytes);
         });
@@ -112,57 +112,57 @@ impl Bench {
     }
 
     /// First finding of a board that is not a reset, if any.
-    fn complaint(&mut self, role: Role) -> Option<String> {
-        let mut complaint = None;
+    fn first_finding(&mut self, role: Role) -> Option<String> {
+        let mut first_finding = None;
         self.board(role, |board| {
             let mut findings = board.chip().findings().list().iter();
-            let finding = findings.find(|found| found.kind != Kind::Reset);
-            complaint = finding.map(ToString::to_string);
+            let finding = findings.find(|found| found.kind != FindingKind::Reset);
+            first_finding = finding.map(ToString::to_string);
         });
-        complaint
+        first_finding
     }
 }
 
 /// Settings and report that a board derives from its store.
-fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
+fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
     let range = flash.range();
     let base = Settings::of(role);
     let Some(mut store) = Store::new(flash, range) else {
-        return (base, Report::default());
+        return (base, StoreReport::default());
     };
     let check = |settings: &Settings| settings.check(role);
-    run(store.load()).settle(&base, check)
+    run(store.load()).resolve(&base, check)
 }
 
 /// Rail failures at random instants of a start, after one undisturbed start.
-pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
+pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 10 } else { 100 };
-    let mut bench = rig(campaign, seed)?;
-    bench.start_alone(Role::LEAD);
-    let before = bench.stored(Role::LEAD);
+    let mut bench = acknowledging_bench(campaign, seed)?;
+    bench.start_board(Role::LEAD);
+    let before = bench.read_store(Role::LEAD);
     for case in 0..cases {
         bench.board(Role::LEAD, |board| board.power(false));
-        bench.pass(2);
+        bench.run_for(2);
         bench.board(Role::LEAD, |board| board.power(true));
         let at = bench.now() + Time::from_micros(bench.draw(120_000));
         let span = Time::from_micros(10 + bench.draw(3_000));
         let volts = bench.draw(2_700) as f64 * 1e-3;
         bench.axle(Role::LEAD, |axle, _| axle.power.dip(at, at + span, volts));
         while bench.now() < at + span {
-            bench.pass(1);
+            bench.run_for(1);
         }
         bench.robot.monitor = Monitor::new(bench.robot.topology);
-        bench.wait(Role::LEAD);
-        let told = bench.robot.monitor().latest(Node::axle(0)).is_some();
-        let kept = bench.stored(Role::LEAD) == before;
-        if let Some(complaint) = bench.complaint(Role::LEAD) {
-            return Ok(Err(format!("{at}, {volts} V: {complaint}")));
+        bench.await_status(Role::LEAD);
+        let started = bench.robot.monitor().latest(Node::axle(0)).is_some();
+        let unchanged = bench.read_store(Role::LEAD) == before;
+        if let Some(first_finding) = bench.first_finding(Role::LEAD) {
+            return Ok(Err(format!("{at}, {volts} V: {first_finding}")));
         }
-        if !(told && kept) {
+        if !(started && unchanged) {
             return Ok(Err(format!(
-                "case {case}: {at}, {volts} V for {span}: told {told}, flash as before {kept}"
+                "case {case}: {at}, {volts} V for {span}: told {started}, flash as before {unchanged}"
             )));
         }
     }
@@ -173,21 +173,21 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
 fn calibrating(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
-) -> Result<(Bench, Time), Error> {
-    let mut bench = rig(campaign, seed)?;
-    if let Some(bytes) = kept {
-        bench.store(Role::beam(0), bytes);
+    stored: Option<&[u8]>,
+) -> Result<(FaultBench, Time), Error> {
+    let mut bench = acknowledging_bench(campaign, seed)?;
+    if let Some(bytes) = stored {
+        bench.write_store(Role::beam(0), bytes);
     }
-    bench.start_alone(Role::beam(0));
-    let asked = bench.now();
+    bench.start_board(Role::beam(0));
+    let requested_at = bench.now();
     let message = Message::BeamCalibration {
         frame: FrameId(0),
         sequence: 1,
         calibrate: Calibrate::Zero(0.0),
     };
-    bench.say(asked, &message);
-    Ok((bench, asked))
+    bench.send(requested_at, &message);
+    Ok((bench, requested_at))
 }
 
 /// Power cuts during the flash operations of a save; `wanted` gives the instants in each operation as fractions of
@@ -195,23 +195,25 @@ fn calibrating(
 fn cuts(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
+    stored: Option<&[u8]>,
     wanted: impl Fn(usize, &FlashOperation) -> Vec<f64>,
-) -> Found {
-    let (mut bench, asked) = calibrating(campaign, seed, kept)?;
-    let before = settled(&bench.stored(Role::beam(0)), Role::beam(0)).0;
-    bench.pass(SAVED_MS);
-    let after = settled(&bench.stored(Role::beam(0)), Role::beam(0)).0;
+) -> TrialResult {
+    let (mut bench, requested_at) = calibrating(campaign, seed, stored)?;
+    let before = settings_from_store(&bench.read_store(Role::beam(0)), Role::beam(0)).0;
+    bench.run_for(SAVED_MS);
+    let after = settings_from_store(&bench.read_store(Role::beam(0)), Role::beam(0)).0;
     if TABLE.iter().all(|p| p.get(&before) == p.get(&after)) {
         return Ok(Err("nothing was saved".to_owned()));
     }
     let operations = bench.operations();
-    let operations = operations.iter().filter(|operation| operation.at > asked);
+    let operations = operations
+        .iter()
+        .filter(|operation| operation.at > requested_at);
     let mut cases = 0;
     for (k, operation) in operations.enumerate() {
         for share in wanted(k, operation) {
             let at = operation.at + Time((operation.takes.0 as f64 * share) as u64);
-            if let Err(why) = cut(campaign, seed, kept, at, [&before, &after])? {
+            if let Err(why) = cut(campaign, seed, stored, at, [&before, &after])? {
                 return Ok(Err(format!("operation {k}, {at}: {why}")));
             }
             cases += 1;
@@ -227,24 +229,24 @@ fn cuts(
 fn cut(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
+    stored: Option<&[u8]>,
     at: Time,
-    either: [&Settings; 2],
+    permitted: [&Settings; 2],
 ) -> Result<Result<(), String>, Error> {
-    let (mut bench, _) = calibrating(campaign, seed, kept)?;
+    let (mut bench, _) = calibrating(campaign, seed, stored)?;
     while bench.now() + ms(1) <= at {
-        bench.pass(1);
+        bench.run_for(1);
     }
     bench.robot.network.run_until(at);
     bench.board(Role::beam(0), |board| board.power(false));
-    bench.pass(3);
+    bench.run_for(3);
     bench.robot.monitor = Monitor::new(bench.robot.topology);
-    bench.start_alone(Role::beam(0));
-    let bytes = bench.stored(Role::beam(0));
-    let (found, report) = settled(&bytes, Role::beam(0));
+    bench.start_board(Role::beam(0));
+    let bytes = bench.read_store(Role::beam(0));
+    let (found, report) = settings_from_store(&bytes, Role::beam(0));
     for parameter in &TABLE {
         let value = parameter.get(&found);
-        if either
+        if permitted
             .iter()
             .all(|settings| parameter.get(settings) != value)
         {
@@ -254,20 +256,20 @@ fn cut(
     if report.defaults() > 0 {
         return Ok(Err(format!("{} values lost", report.defaults())));
     }
-    let told = bench.robot.monitor().noticed(Node::beam(0));
-    let same = told.contains(Condition::ParameterDefault) == report.unverified;
+    let notices = bench.robot.monitor().noticed(Node::beam(0));
+    let same = notices.contains(Condition::ParameterDefault) == report.unverified;
     Ok(match (bench.robot.monitor().latest(Node::beam(0)), same) {
         (None, _) => Err("the board did not start".to_owned()),
         (Some(_), false) => Err("the notice is not what the store is".to_owned()),
-        (Some(_), true) => match bench.complaint(Role::beam(0)) {
-            Some(complaint) => Err(complaint),
+        (Some(_), true) => match bench.first_finding(Role::beam(0)) {
+            Some(first_finding) => Err(first_finding),
             None => Ok(()),
         },
     })
 }
 
 /// Power cuts during the written words of a save.
-pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> Found {
+pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> TrialResult {
     let every = if campaign.quick { 16 } else { 1 };
     cuts(campaign, seed, None, |k, operation| {
         let chosen = !operation.erases && k % every == 0;
@@ -279,7 +281,7 @@ pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> Found {
 }
 
 /// Power cuts during the erase of a save into a full store.
-pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
+pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> TrialResult {
     let full = full_store(campaign, seed)?;
     let shares: &[f64] = match campaign.quick {
         true => &[0.5],
@@ -298,9 +300,9 @@ pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
 
 /// Store of a beam board that is full: the next save of the zeros erases a sector.
 fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
-    let mut bytes = rig(campaign, seed)?.stored(Role::beam(0));
+    let mut bytes = acknowledging_bench(campaign, seed)?.read_store(Role::beam(0));
     let base = Settings::of(Role::beam(0));
-    let mut settings = settled(&bytes, Role::beam(0)).0;
+    let mut settings = settings_from_store(&bytes, Role::beam(0)).0;
     for round in 0..10_000 {
         for parameter in TABLE.iter().filter(|p| p.name.contains("zero_counts")) {
             let value = parameter.get(&settings) + [1.0, -1.0][round % 2];
@@ -326,27 +328,27 @@ fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
 
 /// Starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a notice,
 /// and nothing may be written.
-pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
+pub fn flipped_bits(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 4 } else { 40 };
     let mut random = generator(seed, 0, Stream::Other(0x301));
     for _ in 0..cases {
-        let mut bench = rig(campaign, seed)?;
-        let mut bytes = bench.stored(Role::beam(0));
-        let saved = settled(&bytes, Role::beam(0)).0;
+        let mut bench = acknowledging_bench(campaign, seed)?;
+        let mut bytes = bench.read_store(Role::beam(0));
+        let saved = settings_from_store(&bytes, Role::beam(0)).0;
         let used = bytes.iter().rposition(|&byte| byte != 0xff).unwrap_or(0) + 1;
         let bit: usize = random.random_range(0..8 * used);
         bytes[bit / 8] ^= 1 << (bit % 8);
-        bench.store(Role::beam(0), &bytes);
-        bench.start_alone(Role::beam(0));
-        let (found, _) = settled(&bytes, Role::beam(0));
-        let told = bench.robot.monitor().noticed(Node::beam(0));
+        bench.write_store(Role::beam(0), &bytes);
+        bench.start_board(Role::beam(0));
+        let (found, _) = settings_from_store(&bytes, Role::beam(0));
+        let notices = bench.robot.monitor().noticed(Node::beam(0));
         let same = TABLE.iter().all(|p| p.get(&found) == p.get(&saved));
-        let kept = bench.stored(Role::beam(0)) == bytes;
-        let heard = bench.robot.monitor().latest(Node::beam(0)).is_some();
-        let told = told.contains(Condition::ParameterDefault);
-        if !(heard && kept && (same || told)) {
+        let unchanged = bench.read_store(Role::beam(0)) == bytes;
+        let started = bench.robot.monitor().latest(Node::beam(0)).is_some();
+        let has_notice = notices.contains(Condition::ParameterDefault);
+        if !(started && unchanged && (same || has_notice)) {
             return Ok(Err(format!(
-                "bit {bit}: heard {heard}, flash as before {kept}, values the same {same}, told {told}"
+                "bit {bit}: heard {started}, flash as before {unchanged}, values the same {same}, told {has_notice}"
             )));
         }
     }

@@ -50,7 +50,7 @@ fn drives(state: OperatingState) -> bool {
 }
 
 /// True if the debug text of a value contains a number that is not finite.
-fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
+fn has_non_finite(value: &dyn std::fmt::Debug) -> bool {
     // An innovation without a usable covariance has an infinite NIS and is not used.
     let text = format!("{value:?}").replace("nis: inf", "");
     text.contains("NaN") || text.contains(" inf") || text.contains("-inf") || text.contains("[inf")
@@ -58,7 +58,7 @@ fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
 
 /// State of a node at the previous tick, with history.
 #[derive(Debug)]
-struct Course {
+struct StateHistory {
     state: OperatingState,
     /// True if a reason to stop is latched.
     latched: bool,
@@ -67,7 +67,7 @@ struct Course {
     epochs: BTreeMap<u16, u32>,
 }
 
-impl Course {
+impl StateHistory {
     fn new() -> Self {
         Self {
             state: Boot,
@@ -109,7 +109,7 @@ impl Course {
 
     /// Checks a message that the node sends. A message beyond the range of its signals is not sent on the bus.
     fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
-        if is_unsound(message) {
+        if has_non_finite(message) {
             return Err(format!("messages are finite: {message:?}"));
         }
         let Ok(frame) = bus::encode(message) else {
@@ -126,9 +126,9 @@ impl Course {
 }
 
 /// Latest heartbeat of a node: state, reason code and tick.
-type Beat = (OperatingState, u8, u32);
+type Heartbeat = (OperatingState, u8, u32);
 
-fn failed(beat: Option<Beat>, tick: u32) -> bool {
+fn failed(beat: Option<Heartbeat>, tick: u32) -> bool {
     beat.is_some_and(|(state, reason, at)| {
         matches!(state, SafeStop | Fault) && reason != 0 && tick - at <= HEARTBEAT_MS
     })
@@ -139,32 +139,32 @@ fn older(at: Option<u32>, tick: u32, ms: u32) -> bool {
 }
 
 /// Checks of an axle node.
-pub struct AxleWatch {
+pub struct AxleChecks {
     axle: AxleId,
     limit_nm: f32,
-    course: Course,
+    history: StateHistory,
     mode: Option<(LeadMode, u32)>,
     posture: Option<u32>,
     motion: Option<u32>,
-    other: Option<Beat>,
-    lead: Option<Beat>,
+    other: Option<Heartbeat>,
+    lead: Option<Heartbeat>,
     since: BTreeMap<Condition, u32>,
-    blind_since: Option<u32>,
+    encoder_missing_since: Option<u32>,
 }
 
-impl AxleWatch {
+impl AxleChecks {
     pub fn new(axle: AxleId, limit_nm: f32) -> Self {
         Self {
             axle,
             limit_nm,
-            course: Course::new(),
+            history: StateHistory::new(),
             mode: None,
             posture: None,
             motion: None,
             other: None,
             lead: None,
             since: BTreeMap::new(),
-            blind_since: None,
+            encoder_missing_since: None,
         }
     }
 
@@ -197,7 +197,7 @@ impl AxleWatch {
     }
 
     pub fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
-        self.course.sends(tick, message)
+        self.history.sends(tick, message)
     }
 
     /// Checks a tick; true if the motors are switched on at this tick.
@@ -208,12 +208,12 @@ impl AxleWatch {
         supervisor: &supervisor::State,
         torque_nm: Wheels<f32>,
     ) -> Result<bool, Violation> {
-        let before = self.course.state;
+        let before = self.history.state;
         let mode = self.mode.filter(|(_, at)| tick - at <= COMMAND_MS);
         let mode = mode.map(|(mode, _)| mode);
-        self.course
+        self.history
             .step(tick, supervisor, mode == Some(LeadMode::Clear))?;
-        let state = self.course.state;
+        let state = self.history.state;
         // False for NaN.
         let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
         if !torque_nm.list().iter().all(allowed) {
@@ -241,25 +241,25 @@ impl AxleWatch {
         for condition in samples.conditions.iter() {
             self.since.entry(condition).or_insert(tick);
         }
-        let held = |condition, ms| {
+        let has_lasted = |condition, ms| {
             let since = self.since.get(&condition);
             since.is_some_and(|since| tick - since >= ms)
         };
         for (condition, ms) in CUTS {
-            if held(condition, ms) && state != Fault {
+            if has_lasted(condition, ms) && state != Fault {
                 return Err(format!("{condition:?} cuts the motors at once: {state:?}"));
             }
         }
         for (condition, ms) in STOPS {
-            if held(condition, ms) && drives(state) {
+            if has_lasted(condition, ms) && drives(state) {
                 return Err(format!("{condition:?} stops the axle: {state:?}"));
             }
         }
         match samples.encoder.list().iter().any(Option::is_none) {
-            true => _ = self.blind_since.get_or_insert(tick),
-            false => self.blind_since = None,
+            true => _ = self.encoder_missing_since.get_or_insert(tick),
+            false => self.encoder_missing_since = None,
         }
-        match self.blind_since {
+        match self.encoder_missing_since {
             Some(since) if tick - since >= 5 && state != Fault => {
                 Err(format!("a missing encoder cuts the motors: {state:?}"))
             }
@@ -275,7 +275,7 @@ impl AxleWatch {
         mode: Option<LeadMode>,
         before: OperatingState,
     ) -> Result<(), Violation> {
-        let state = self.course.state;
+        let state = self.history.state;
         match mode {
             None => return Err(format!("an axle without a mode stops: {state:?}")),
             Some(LeadMode::Idle | LeadMode::Clear) => {
@@ -298,17 +298,17 @@ impl AxleWatch {
 }
 
 /// Checks of the lead node.
-pub struct LeadWatch {
-    course: Course,
+pub struct LeadChecks {
+    history: StateHistory,
     /// True if the latest task is to clear faults.
     pub clears: bool,
-    axles: [Option<Beat>; 2],
+    axles: [Option<Heartbeat>; 2],
 }
 
-impl LeadWatch {
+impl LeadChecks {
     pub fn new() -> Self {
         Self {
-            course: Course::new(),
+            history: StateHistory::new(),
             clears: false,
             axles: [None; 2],
         }
@@ -333,21 +333,21 @@ impl LeadWatch {
         supervisor: &supervisor::State,
         output: &lead::Output,
     ) -> Result<bool, Violation> {
-        let before = self.course.state;
-        self.course.step(tick, supervisor, self.clears)?;
-        let state = self.course.state;
-        if is_unsound(output) {
+        let before = self.history.state;
+        self.history.step(tick, supervisor, self.clears)?;
+        let state = self.history.state;
+        if has_non_finite(output) {
             return Err(format!("outputs are finite: {output:?}"));
         }
         let commands = matches!(output.mode, LeadMode::Active | LeadMode::Hold);
         if commands && !drives(state) {
             return Err(format!("axles are driven by permit: {state:?}"));
         }
-        let lost = |beat: &Option<Beat>| older(beat.map(|(.., at)| at), tick, HEARTBEAT_MS);
+        let lost = |beat: &Option<Heartbeat>| older(beat.map(|(.., at)| at), tick, HEARTBEAT_MS);
         if drives(state) && self.axles.iter().any(lost) {
             return Err("the robot stops without an axle".to_owned());
         }
-        let stopped = |beat: &Option<Beat>| failed(*beat, tick);
+        let stopped = |beat: &Option<Heartbeat>| failed(*beat, tick);
         if drives(state) && !is_off(before) && self.axles.iter().any(stopped) {
             return Err("the robot stops with an axle".to_owned());
         }
@@ -356,11 +356,11 @@ impl LeadWatch {
 }
 
 /// Checks of the beam node.
-pub struct BeamWatch(Course, Option<LeadMode>);
+pub struct BeamChecks(StateHistory, Option<LeadMode>);
 
-impl BeamWatch {
+impl BeamChecks {
     pub fn new() -> Self {
-        Self(Course::new(), None)
+        Self(StateHistory::new(), None)
     }
 
     pub fn receive(&mut self, message: &Message) {

@@ -11,7 +11,7 @@ fn watching_host_receives_bus_frames_and_outputs() {
         build: "test",
         role: Role::LEAD,
     };
-    let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, crash);
+    let mut board = RunLink::new(identity, &CONFIG, StackUse::unknown, crash);
     let mut sent = Vec::new();
     let lead = RobotConfig::default().completed().build_lead();
     let mut lead = LeadNode::new(lead.unwrap());
@@ -21,7 +21,7 @@ fn watching_host_receives_bus_frames_and_outputs() {
     let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
     let demand = board.receive(watch.bytes(), &mut Station::default(), &mut send);
     assert_eq!(demand, Some(Demand::Watch));
-    board.tell(&telemetry);
+    board.send_telemetry(&telemetry);
     assert!(!board.wants_telemetry());
     let (epoch, last_delay_us) = (77, None);
     let sync = Message::TimeSync {
@@ -72,9 +72,9 @@ fn watching_host_receives_bus_frames_and_outputs() {
 
 #[test]
 fn report_holds_a_part_of_the_output_if_its_entries_leave_room() {
-    let mut board = Driving::new(Role::LEAD).attendant;
+    let mut board = Driving::new(Role::LEAD).run_link;
     for (length, parts) in [(91, true), (92, false), (232, false)] {
-        board.tell(&Telemetry::default());
+        board.send_telemetry(&Telemetry::default());
         let left = board.telemetry.left();
         let part = left.min(140);
         assert_eq!(board.room(), 231 - part);

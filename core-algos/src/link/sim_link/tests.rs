@@ -2,7 +2,7 @@ use super::*;
 use crate::beam::MAX_GAUGES;
 use crate::control::path::{PathError, PathPoint};
 use crate::link::Order;
-use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, place, start};
+use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, placement, start};
 use crate::node::lead::Task;
 
 #[test]
@@ -15,7 +15,7 @@ fn invalid_request_is_refused_with_its_reason() {
 
     let mut host = Host::new(Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
-    assert_eq!(host.greet(PROTOCOL + 1), Role::LEAD);
+    assert_eq!(host.send_hello(PROTOCOL + 1), Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
     host.hello();
     let unknown = [
@@ -47,7 +47,7 @@ fn invalid_request_is_refused_with_its_reason() {
     host.refused(&part(99, 0), Refusal::Part { received: 0 });
     let hash = host.configure(&config);
     host.refused(&start(hash ^ 1, 0, None), Refusal::Hash { found: hash });
-    host.ask(&configure(100, 0, &junk));
+    host.request(&configure(100, 0, &junk));
     host.refused(&start(crc32c(&junk), 0, None), Refusal::Undecodable);
     let mut wrong = config;
     wrong.geometry.wheel_radius_m = f32::NAN;
@@ -59,7 +59,7 @@ fn invalid_request_is_refused_with_its_reason() {
 
     let mut host = Host::started(Role::LEAD, &config, None);
     host.refused(&axle(1, &[]), Refusal::Tick { expected: 0 });
-    host.ask(&axle(0, &[]));
+    host.request(&axle(0, &[]));
     host.refused(&axle(0, &[]), Refusal::Tick { expected: 1 });
     let mut points = [None; protocol::POINTS];
     points[..2].fill(Some(PathPoint::default()));
@@ -71,7 +71,7 @@ fn invalid_request_is_refused_with_its_reason() {
         let mut host = Host::started(role, &config, None);
         host.refused(&request, Refusal::OtherBoard { role });
     }
-    let payload = Host::started(Role::beam(0), &config, None).ask(&beam);
+    let payload = Host::started(Role::beam(0), &config, None).request(&beam);
     let reply = protocol::decode::<Reply>(&payload);
     assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
 }
@@ -93,7 +93,7 @@ fn board_resumes_at_the_given_tick() {
         outbox.clear();
         let samples = Samples::Axle(axle_samples(tick));
         let expected = board.step(u64::from(tick) * TICK, &samples, &mut outbox);
-        let payload = host.ask(&axle(tick, &[]));
+        let payload = host.request(&axle(tick, &[]));
         let Some((_, Reply::Axle { torque_nm, bus, .. })) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };
@@ -121,7 +121,7 @@ fn hello_closes_or_opens_the_session_and_discards_nodes_configuration_and_leave(
     let config = RobotConfig::default();
     for version in [PROTOCOL, PROTOCOL - 1, PROTOCOL + 1] {
         let mut host = Host::started(Role::axle(1), &config, None);
-        host.expect(&Request::Leave, Reply::Done);
+        host.expect(&Request::EndSession, Reply::Done);
         let received = host.board.counters().received;
         let hello = Request::Hello {
             protocol: version,
@@ -139,7 +139,7 @@ fn hello_closes_or_opens_the_session_and_discards_nodes_configuration_and_leave(
             session: true,
         };
         host.expect(&hello, reply);
-        assert!(!host.board.has_left() && host.board.board().is_none());
+        assert!(!host.board.has_ended() && host.board.board().is_none());
         if version != PROTOCOL {
             host.refused(&Request::Stack, Refusal::NoSession);
             host.hello();
@@ -167,7 +167,7 @@ fn start_with_partial_configuration_is_refused_and_discards_the_nodes() {
     };
     let found = crc32c(&[1; 100]);
     host.expect(&part, Reply::Configured { hash: found });
-    assert!(is_axle_reply(&host.ask(&axle(0, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(0, &[]))));
     host.refused(&start(found, 1, None), Refusal::Hash { found });
     host.refused(&axle(1, &[]), Refusal::NotStarted);
 }
@@ -175,20 +175,20 @@ fn start_with_partial_configuration_is_refused_and_discards_the_nodes() {
 #[test]
 fn restarted_nodes_send_no_output_of_the_previous_nodes() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::LEAD, &config, Some(place()));
+    let mut host = Host::started(Role::LEAD, &config, Some(placement()));
     let part = |payload: &[u8]| match protocol::decode(payload) {
         Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
         other => panic!("{other:?}"),
     };
     // Tick of the first output, which takes several replies.
     let mut tick = 0;
-    while part(&host.ask(&axle(tick, &[]))) == 0 {
+    while part(&host.request(&axle(tick, &[]))) == 0 {
         tick += 1;
         assert!(tick < 20);
     }
     let hash = host.configure(&config);
-    host.expect(&start(hash, tick + 1, Some(place())), Reply::Done);
-    assert_eq!(part(&host.ask(&axle(tick + 1, &[]))), 0);
+    host.expect(&start(hash, tick + 1, Some(placement())), Reply::Done);
+    assert_eq!(part(&host.request(&axle(tick + 1, &[]))), 0);
 }
 
 #[test]
@@ -207,7 +207,7 @@ fn repeated_answer_begins_with_a_0() {
 #[test]
 fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
     let mut board = board(Role::axle(1), &Contents::EMPTY);
-    let send = |board: &mut Endpoint, number, request: &Request| {
+    let send = |board: &mut SimLink, number, request: &Request| {
         let mut sent = Vec::new();
         let frame = protocol::encode(number, request).unwrap();
         board.receive(frame.bytes(), &mut |answer| sent.extend_from_slice(answer));
@@ -215,7 +215,7 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
     };
     let (protocol, nonce) = (PROTOCOL, 1);
     let hello = Request::Hello { protocol, nonce };
-    for (number, values, told) in [(1, 3, 3), (11, 255, 255), (21, 256, 255), (31, 300, 255)] {
+    for (number, values, reported) in [(1, 3, 3), (11, 255, 255), (21, 256, 255), (31, 300, 255)] {
         assert!(!send(&mut board, 0, &hello).is_empty());
         assert_eq!(board.save(), None);
         assert!(send(&mut board, number, &Request::SaveParameters).is_empty());
@@ -229,7 +229,7 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
         let mut take = |answer: &[u8]| sent.extend_from_slice(answer);
         board.saved(Some((values, &Contents::EMPTY)), &mut take);
         board.saved(None, &mut take);
-        let reply = Reply::Saved { values: told };
+        let reply = Reply::Saved { values: reported };
         let expected = protocol::encode(number, &reply).unwrap();
         assert_eq!(sent, expected.bytes());
         assert!(!send(&mut board, number + 1, &Request::Stack).is_empty());
@@ -239,14 +239,14 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
 #[test]
 fn resume_takes_the_next_tick_or_a_later_one() {
     let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
-    host.ask(&axle(0, &[]));
+    host.request(&axle(0, &[]));
     host.refused(&Request::Resume { tick: 0 }, Refusal::Tick { expected: 1 });
     for tick in [1, 1, 2, 70] {
         host.expect(&Request::Resume { tick }, Reply::Done);
     }
     host.refused(&axle(69, &[]), Refusal::Tick { expected: 70 });
     host.refused(&axle(71, &[]), Refusal::Tick { expected: 70 });
-    assert!(is_axle_reply(&host.ask(&axle(70, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(70, &[]))));
 }
 
 #[test]
@@ -262,7 +262,7 @@ fn bus_frames_that_cannot_be_decoded_are_counted() {
         for _ in 0..count {
             assert!(packed.push(&unknown));
         }
-        let payload = host.ask(&axle(0, packed.bytes()));
+        let payload = host.request(&axle(0, packed.bytes()));
         let Some((_, Reply::Axle { refused, .. })) = protocol::decode(&payload) else {
             panic!("{payload:?}");
         };
