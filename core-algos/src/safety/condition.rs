@@ -168,7 +168,7 @@ conditions! {
     DegradedTooLong = 0x8c "degraded too long" 0 ms:
         "the time or distance limit of degraded driving is reached"; "remove the cause of the degradation".
     WheelSlip = 0x8d "wheel slip" 100 ms:
-        "the wheels disagree with the inertial sensor or the beam"; "check for a lifted wheel or a slippery floor".
+        "the wheels disagree with the inertial sensor or the beam"; "check for a lifted wheel, a slippery floor or a loose encoder wire".
     SupplyHigh = 0x8e "supply high" 20 ms:
         "the supply voltage is above its upper limit"; "check battery and charger; braking feeds energy back".
     PathLost = 0x8f bit 44 "path lost" 0 ms:
@@ -184,7 +184,7 @@ conditions! {
     DriverFault = 0xc4 "driver fault" 0 ms:
         "a motor driver reports a fault"; "check motor and driver".
     MotorUnresponsive = 0xc5 "motor unresponsive" 50 ms:
-        "a motor's current does not follow its command"; "check the wires of the motor".
+        "a motor's current does not follow its command"; "check the wires of the motor and its encoder; A and B may be swapped".
     Restarted = 0xc7 bit 36 "restarted" 0 ms:
         "the board was reset by its watchdog, a panic or a hard fault"; "report the crash record; clear the fault".
     StopNotFollowed = 0xc8 "stop not followed" 20 ms:

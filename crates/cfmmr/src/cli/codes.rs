@@ -60,6 +60,13 @@ pub fn markdown() -> String {
         let _ = writeln!(text, "| **{}** | {} |", state.name(), cells.join(" | "));
     }
     text += "\n## LED\n\nThe LED of a board (PC12) shows the state of the board's node; on the front board, of the axle node.\n\n\
+             - *Idle*: ready. *Boot* lasts for 1 s; longer while a stop holds, whose code the LED does not show: the other axle\n  \
+             board is missing (0x82), supply low (0x8a), bus off (0x84). A cut or the emergency stop shows *Fault*.\n\
+             - Between two digits the LED is dark for 1 s, after the second for 2 s. 0x8a: eight blinks, a pause, ten blinks.\n\
+             - The same by computer: `cfmmr drive wait 1 --json - --on serial:front=PORT` lists state and code of each node\n  \
+             (`nodes`).\n\
+             - To clear a fault whose cause is over: button of the front board, key C of `cfmmr drive`, or\n  \
+             `cfmmr drive clear --on serial:front=PORT`.\n\n\
              | state | LED |\n|---|---|\n";
     for state in OperatingState::ALL {
         let _ = writeln!(text, "| {} | {} |", state.name(), led::Pattern(state));
