@@ -55,8 +55,10 @@ const TABLES: &str = "
 `--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`. Each experiment writes the columns of `epochs.csv` beside its
 pictures (`log.csv`, `log-joint.csv`). A column has the path of the value in a log. A list has a column for each entry,
 counted from 0. A value that is null is empty, true is 1 and false is 0. Bytes, texts in hexadecimal and frames
-(`received`) have no columns. In a row of `epochs.csv`, `/lead` is the latest message at that time, sent in the epoch
-before.
+(`received`) have no columns.
+
+`lead.*` in row k of `epochs.csv` is the estimate of epoch k - 1: for the error of the estimate, subtract `truth.*` of
+row k - 1. A log has the time of the estimate in `epoch_s` of `/lead`.
 
 | table | columns |
 |---|---|
