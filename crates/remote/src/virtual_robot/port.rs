@@ -40,7 +40,7 @@ impl VirtualRobot {
         self.advance();
         self.answer()?;
         match self.network.now() >= BOOT {
-            true => Err(Error::Failure("the boards do not record".to_owned())),
+            true => Err(Error::Failure("no records from the boards".to_owned())),
             false => Ok(()),
         }
     }

@@ -162,7 +162,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
         }
         if !(told && kept) {
             return Ok(Err(format!(
-                "case {case}: {at}, {volts} V for {span}: told {told}, flash as before {kept}"
+                "case {case}: {at}, {volts} V for {span}: heartbeat received {told}, flash unchanged {kept}"
             )));
         }
     }
@@ -258,7 +258,7 @@ fn cut(
     let same = told.contains(Condition::ParameterDefault) == report.unverified;
     Ok(match (bench.robot.monitor().latest(Node::beam(0)), same) {
         (None, _) => Err("the board did not start".to_owned()),
-        (Some(_), false) => Err("the notice is not what the store is".to_owned()),
+        (Some(_), false) => Err("the notice of a default does not match the store".to_owned()),
         (Some(_), true) => match bench.complaint(Role::beam(0)) {
             Some(complaint) => Err(complaint),
             None => Ok(()),
@@ -346,7 +346,7 @@ pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
         let told = told.contains(Condition::ParameterDefault);
         if !(heard && kept && (same || told)) {
             return Ok(Err(format!(
-                "bit {bit}: heard {heard}, flash as before {kept}, values the same {same}, told {told}"
+                "bit {bit}: heartbeat received {heard}, flash unchanged {kept}, values unchanged {same}, default noticed {told}"
             )));
         }
     }

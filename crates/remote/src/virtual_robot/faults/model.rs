@@ -165,7 +165,10 @@ impl Watch {
             *beyond = if within { 0 } else { *beyond + 1 };
             if *beyond > MOMENT {
                 let what = ["speed", "steering", "force"][i];
-                exceeded = Some(format!("{what} of {:.2}, beyond {}", seen[i], BOUNDS[i]));
+                exceeded = Some(format!(
+                    "{what} {:.2}: must be at most {}",
+                    seen[i], BOUNDS[i]
+                ));
             }
         }
         exceeded
@@ -242,7 +245,7 @@ pub fn run_on(
     let wrong = watch.wrong.or_else(|| match off_s {
         Some(off_s) => stopped_wrongly(case.entry, reason, off_s, None),
         None if done => missed(simulation, scenario, case.entry),
-        None => Some("neither done nor stopped".to_owned()),
+        None => Some("the task is neither done nor stopped".to_owned()),
     });
     let end = if done { End::WentOn } else { End::Stopped };
     Ok(Outcome {
@@ -270,7 +273,7 @@ fn missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option
     let near = away <= position && turned <= heading;
     (!near).then(|| {
         format!(
-            "{:.1} cm and {:.1}° off at the end",
+            "goal error {:.1} cm and {:.1}° at the end",
             1e2 * away,
             turned.to_degrees()
         )
