@@ -228,7 +228,7 @@ impl Gpio {
     /// Notes a floating pin that is read.
     pub fn judge(&self, pin: Pin, shared: &mut Shared) {
         if self.floats(pin) {
-            shared.note(Kind::Pin, format!("{pin} floats and is listened to"));
+            shared.note(Kind::Pin, format!("{pin} floats and is read"));
         }
     }
 
@@ -286,7 +286,7 @@ impl Gpio {
     fn settle(&mut self, pin: Pin, shared: &mut Shared) {
         let (chip, world) = (self.chip[pin.index()], self.world[pin.index()]);
         if chip.is_strong() && world.is_strong() && chip != world {
-            let text = format!("{pin} is driven against what is soldered to it");
+            let text = format!("{pin} and the circuit drive opposite levels");
             shared.note(Kind::Pin, text);
         }
         // An analogue pin has no digital input.

@@ -337,7 +337,10 @@ impl Chip {
                 }
                 Effect::Sampled(pin) => {
                     if !units.gpio.is_analogue(pin) {
-                        shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
+                        shared.note(
+                            Kind::Pin,
+                            format!("{pin} is converted but not in analogue mode"),
+                        );
                     }
                 }
                 Effect::VoltageDetector { low } => units.exti.level(low, shared),

@@ -27,7 +27,7 @@ impl Adc {
         let regular = value & EXTEN != 0 && regular_trigger(value >> 24).is_none();
         let injected = value & JEXTEN != 0 && injected_trigger(value >> 16).is_none();
         if regular || injected {
-            let text = "ADC1: triggers but TRGO of TIM1 to TIM5";
+            let text = "ADC1: triggers except TRGO of TIM1 to TIM5";
             shared.note(Kind::NotModelled, text);
         }
         if value & ADON == 0 {

@@ -129,7 +129,7 @@ impl Timer {
         let now = shared.now;
         *self.reg_mut(SMCR) = value;
         if !matches!(value & 7, 0 | ENCODER) || value & 1 << 14 != 0 {
-            let what = "slave modes but encoders with edges of both inputs, external clock";
+            let what = "slave modes except encoders with edges of both inputs and external clock";
             self.not_modelled(what, shared);
         }
         if self.is_encoder() {
@@ -185,7 +185,7 @@ impl Timer {
             let is_output = bits & 3 == 0;
             let mode = Mode::of(bits >> 4).filter(|_| is_output);
             if is_output && mode.is_none() {
-                self.not_modelled("output modes but frozen and PWM", shared);
+                self.not_modelled("output modes except frozen and PWM", shared);
             }
             self.change_mode(k, mode.unwrap_or_default(), shared);
         }
