@@ -127,6 +127,7 @@ pub fn with_list(text: &str, form: Option<String>) -> String {
         let list = match name.strip_prefix("an array of length ") {
             Some(count) => format!("a list of {count} entries"),
             None if name == "a sequence" => "a list".to_owned(),
+            None if name == "fewer elements in array" => "fewer entries".to_owned(),
             None => return None,
         };
         Some(format!("{before}expected {list}"))

@@ -431,6 +431,10 @@ mod tests {
                 "sigmas=[1]",
                 "a list of 3 entries, for example [0.001, 0.001, 0.004]",
             ),
+            (
+                "sigmas=[1, 2, 3, 4]",
+                "fewer entries, for example [0.001, 0.001, 0.004]",
+            ),
             ("delays=fast", "a list, for example [0, 0]"),
             ("free=1", "a list"),
         ] {
