@@ -186,7 +186,7 @@ def closing(port, rng):
 PEERS = [silent, noise, echo, old, damaged, closing, flood, hello, liar, reporter, endless]
 # Expected errors; the errors for other peers vary.
 SILENCE = r"nothing arrived|silent"
-FOREIGN = r"bytes arrived|sends back what|answer that does not|no answer in .*: \d+|refuse|protocol"
+FOREIGN = r"bytes arrived|returns every byte|answer that does not|no answer in .*: \d+|refuse|protocol"
 COMMANDS = [["params", "list"], ["posture"], ["drive", "stop"], ["follow"], ["hil"], ["params", "get", "button.action"]]
 
 

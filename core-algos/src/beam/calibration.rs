@@ -53,7 +53,7 @@ impl Config {
                 list.count() == gauges,
                 field,
                 list.count() as f32,
-                Allowed::Condition("a list with one entry for each gauge of the strip"),
+                Allowed::Condition("as many entries as the strip has gauges"),
             )?;
         }
         let counts = Allowed::Range(0.0, full_scale as f32);

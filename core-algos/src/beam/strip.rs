@@ -346,7 +346,7 @@ impl Config {
             count >= MIN_GAUGES as usize,
             "gauges_m",
             count as f32,
-            Allowed::Condition("a list of 2 to 8 positions"),
+            Allowed::Condition("2 to 8 positions"),
         )?;
         let mut previous = None;
         let mut u = [0.0; MAX_GAUGES];
@@ -358,7 +358,7 @@ impl Config {
                     "gauges_m",
                     position,
                     Allowed::Condition(
-                        "greater than the position before it, by 0.001 of the length or more",
+                        "greater than the previous position by at least 0.001 of length_m",
                     ),
                 )
                 .map_err(|error| error.at(i))?;

@@ -101,7 +101,7 @@ impl Config {
             "max_wheel_speed_m_s",
             self.max_wheel_speed_m_s,
             Allowed::Condition(
-                "more than half_track_m times max_steering_rate_rad_s, and a little",
+                "more than max_steering_rate_rad_s * (half_track_m + axle speed per steering rate)",
             ),
         )?;
         let slope = governor.steepest_speed_limit();

@@ -33,7 +33,7 @@ impl fmt::Display for Pattern {
             Some((lit, period)) => write!(f, "on for {lit} of {period} ms"),
             None => write!(
                 f,
-                "the code's two hexadecimal digits, each as that many blinks of {digit} ms; 0 is one blink of {} ms",
+                "the code's two hexadecimal digits: digit n is n blinks of {digit} ms; 0 is one blink of {} ms",
                 3 * BEAT_MS
             ),
         }

@@ -126,19 +126,19 @@ conditions! {
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "set the pose, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
-        "no speed command for 200 ms, or nothing from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
+        "no speed command for 200 ms, or no message from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
         "the robot did not reach its goal in the allowed attempts, or missed the end of its path"; "calibrate, set the pose, or choose a nearer goal or a shorter path".
     WheelsInconsistent = 0x11 bit 35 "wheels inconsistent" 1000 ms:
-        "the other sensors say that wheels or tyres are not as configured"; "measure wheels and track; check for a loose wheel or a slippery floor".
+        "the other sensors contradict the configured wheels or tyres"; "measure wheels and track; check for a loose wheel or a slippery floor".
     GaugesInconsistent = 0x12 bit 40 "gauges inconsistent" 1000 ms:
-        "the other sensors, or the gauges among themselves, say that zeros or gains of the strain gauges are not as calibrated, or a gauge is noisy"; "calibrate the gauges; check the clamps of the strip and the wires of the bridges".
+        "zeros or gains of the strain gauges contradict the other sensors or each other, or a gauge is noisy"; "calibrate the gauges; check the clamps of the strip and the wires of the bridges".
     GyrosInconsistent = 0x13 bit 41 "gyros inconsistent" 1000 ms:
-        "the other sensors say that bias or scale of a gyro is not as calibrated"; "calibrate the inertial sensors; check that they are fixed".
+        "the other sensors contradict the calibrated bias or scale of a gyro"; "calibrate the inertial sensors; check that they are fixed".
     BeamInconsistent = 0x14 bit 42 "beam inconsistent" 1000 ms:
         "the squared normalised innovation of the beam is far above its mean of 0.1 to 0.5"; "check the clamps and the length of the strip".
     NoProgress = 0x15 bit 43 "no progress" 0 ms:
-        "the robot was to move and did not for 2 s"; "check for an obstacle, a slope, friction beyond the motors or a path too tight to enter".
+        "the robot was commanded to move and did not move for 2 s"; "check for an obstacle, a slope, friction that exceeds the motor torque, or a path that starts with too much curvature".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
         "no posture of the beam board was used for 0.1 s; the estimate continues from the encoders"; "check the beam board, its cable and the latency of the bus".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
@@ -156,7 +156,7 @@ conditions! {
     FrameBent = 0x86 "frame bent" 30 ms:
         "the steering exceeds the limit of the frame"; "check for an obstacle or a slipping wheel; straighten the frame".
     WrenchHigh = 0x87 "wrench high" 30 ms:
-        "the wrench of the frame exceeds its limit"; "check for a blocked wheel or axles that disagree".
+        "the wrench of the frame exceeds its limit"; "check for a blocked wheel or axles driving against each other".
     TrackingLost = 0x88 "tracking lost" 150 ms:
         "an axle does not follow its reference"; "check for a weak motor, a lifted wheel or a blocked wheel".
     OverTemperature = 0x89 "over temperature" 200 ms:

@@ -56,7 +56,7 @@ impl Config {
             longest >= shortest,
             "release_s",
             self.release_s,
-            Allowed::Condition("with shortest_s, rest_s and 0.1 s at most stop_timeout_s"),
+            Allowed::Condition("at most stop_timeout_s - shortest_s - rest_s - 0.1 s"),
         )?;
         Ok(Ramp {
             deceleration: self.deceleration_m_s2,

@@ -244,7 +244,7 @@ fn gauges_with_wrong_zeros_are_named() {
         let why = run.simulation.monitor().why_stopped();
         assert_eq!(why.is_some(), stop.is_some());
         assert!(
-            why.is_none_or(|why| why.contains("noticed: ") && why.contains("gauges inconsistent"))
+            why.is_none_or(|why| why.contains("notices: ") && why.contains("gauges inconsistent"))
         );
     }
 }

@@ -85,6 +85,12 @@ pub fn high_water() -> HighWater {
 impl defmt::Format for HighWater {
     fn format(&self, to: defmt::Formatter) {
         let Self { used, budget, size } = self;
-        defmt::write!(to, "stack {} of {} bytes, {} there", used, budget, size);
+        defmt::write!(
+            to,
+            "stack {} bytes used, budget {}, size {}",
+            used,
+            budget,
+            size
+        );
     }
 }

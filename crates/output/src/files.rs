@@ -189,7 +189,7 @@ fn open_special(path: &Path) -> io::Result<fs::File> {
     let opened = options.write(true).custom_flags(flags).open(path);
     let file = opened.map_err(|error| match error.raw_os_error() {
         Some(code) if code == rustix::io::Errno::NXIO.raw_os_error() => {
-            io::Error::new(error.kind(), "a pipe that nobody reads")
+            io::Error::new(error.kind(), "a pipe without a reader")
         }
         _ => error,
     })?;
@@ -459,7 +459,7 @@ mod tests {
         let made = std::process::Command::new("mkfifo").arg(&path).status();
         assert!(made.unwrap().success());
         let refused = try_file(&path).unwrap_err().to_string();
-        assert!(refused.contains("a pipe that nobody reads"), "{refused}");
+        assert!(refused.contains("a pipe without a reader"), "{refused}");
         assert!(write_file(&path, "x").is_err());
         let mut options = fs::OpenOptions::new();
         let mut reader = options.read(true).write(true).open(&path).unwrap();

@@ -270,7 +270,7 @@ messages! {
         front: Estimated, "front axle, global frame";
         rear: Estimated, "rear axle, global frame";
         innovation: [f32; 3], "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame";
-        nis: f32, "1, normalised innovation squared of the beam; 3 on average";
+        nis: f32, "1, normalised innovation squared of the beam; mean 0.1 to 0.5, because the beam board states the covariance of its worst posture";
         velocity_m_s: f32, "m/s, commanded velocity of the midpoint";
         acceleration_m_s2: f32, "m/s², commanded";
         steering_rad: f32, "rad, commanded steering ψ";

@@ -37,7 +37,7 @@ macro_rules! topics {
 }
 
 topics! {
-    "/tf", "100 Hz": foxglove!("FrameTransforms", "true robot, front_axle, rear_axle, and estimated robot_estimate, in the coordinates world");
+    "/tf", "100 Hz": foxglove!("FrameTransforms", "postures in the frame world: robot, front_axle and rear_axle (true), robot_estimate (estimated)");
     "/truth/robot", "100 Hz": foxglove!("PoseInFrame", "true midpoint");
     "/estimate/robot", "100 Hz": foxglove!("PoseInFrame", "estimated midpoint");
     "/truth/path", "1 Hz": foxglove!("PosesInFrame", "path of the midpoint so far");

@@ -236,11 +236,11 @@ impl BoardLink {
             };
             match self.orders.iter().find(|(sent, _)| *sent == number) {
                 Some((_, order)) => record.put(&Entry::Order(*order)),
-                None => record.end("an order of another program was carried out".to_owned()),
+                None => record.end("the board executed a command of another program".to_owned()),
             }
         }
         if lost != lost_before {
-            self.end_record("the board had no room for all that happened");
+            self.end_record("the buffer of the board for the record overflowed");
         }
     }
 
@@ -564,7 +564,7 @@ fn failure(board: &str, what: &str, reply: Reply) -> Error {
 
 fn restarted(board: &str) -> Error {
     Error::Failure(format!(
-        "{board} board: it was restarted, and its place and its task are lost: start the run again"
+        "{board} board: it was restarted, so its posture and its task are lost: start the run again"
     ))
 }
 

@@ -161,7 +161,7 @@ impl Images {
 /// image of this project. An image without such a line passes.
 fn check(image: &Image, intact: Option<bool>, package: &str) -> Result<(), String> {
     if intact == Some(false) {
-        return Err("damaged: the build id of its linker is another".to_owned());
+        return Err("damaged: its contents do not match its build id".to_owned());
     }
     for segment in image.segments() {
         for place in 0..segment.data.len() {

@@ -38,7 +38,7 @@ impl Serial {
             .map_err(|error| {
                 Error::input(format!(
                     "{}: {error}: must be a serial port with {baud} baud; `cfmmr doctor` lists \
-                     the ports there are and what they lack",
+                     the serial ports and what each of them lacks",
                     path.display()
                 ))
             })?;

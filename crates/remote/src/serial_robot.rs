@@ -93,7 +93,7 @@ impl OtherBoard {
         if self.last_report.0 != reports {
             self.last_report = (reports, now);
         } else if now.saturating_sub(self.last_report.1) > REOPEN_AFTER_US {
-            self.link.end_record("silent at its serial port");
+            self.link.end_record("no reports at its serial port");
         }
         Ok(())
     }
@@ -212,7 +212,7 @@ impl SerialRobot {
         while !ready(self) {
             if self.tick >= end {
                 return Err(Error::Failure(format!(
-                    "front board: it reports, but does not do what it is asked for {} s",
+                    "front board: it sends reports but has not executed the command within {} s",
                     WAIT_MS / 1000
                 )));
             }
@@ -356,7 +356,7 @@ impl SerialRobot {
             let what = match never {
                 true => "no robot answered at the serial port of the front board",
                 false => {
-                    "the front board does not report any more; a robot without a host stops by itself"
+                    "no more reports from the front board; a robot without a host stops by itself"
                 }
             };
             let unanswered = &self.unanswered;

@@ -55,13 +55,12 @@ impl fmt::Display for Unanswered {
         match (self.count, self.first.first()) {
             (0, _) => f.write_str("nothing arrived"),
             _ if self.is_echo() => f.write_str(
-                "the port sends back what it gets: its TX is connected to its RX, or no board is behind an adapter \
-                 that echoes",
+                "the port returns every byte: its TX is connected to its RX, or its adapter echoes and has no board",
             ),
             (count, first) => write!(
                 f,
-                "{count} bytes arrived that are no answer, the first is {:#04x}: another baud rate, or another \
-                 program on the board",
+                "{count} bytes arrived that are not an answer, the first is {:#04x}: the baud rate differs, or another \
+                 program runs on the board",
                 first.unwrap_or(&0)
             ),
         }

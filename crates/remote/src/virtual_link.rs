@@ -120,7 +120,9 @@ impl ThreadedBoard {
         }
         let port = self.port()?;
         if port.woken {
-            return Err(io::Error::other("the drivers were woken in a session"));
+            return Err(io::Error::other(
+                "the motor drivers were enabled during a session",
+            ));
         }
         Ok(std::mem::take(&mut port.line.sent))
     }

@@ -37,7 +37,7 @@ pub async fn run(mut reports: Reports) -> ! {
         }
         let health = report.health;
         defmt::info!(
-            "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; in step {}, inertial {}",
+            "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; synchronised {}, inertial {}",
             health.timing.jitter_us,
             health.timing.longest_us,
             feedback.longest_cycles.div_ceil(CORE_HZ / 1_000_000),

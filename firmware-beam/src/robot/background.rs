@@ -34,7 +34,7 @@ pub async fn run(
         }
         let health = report.health;
         defmt::info!(
-            "tick jitter {} us, longest {} us, missed {}, conversions lost {}; in step {}, gauges {}, excitation {}, {} C",
+            "tick jitter {} us, longest {} us, missed {}, conversions lost {}; synchronised {}, gauges {}, excitation {}, {} C",
             health.timing.jitter_us,
             health.timing.longest_us,
             health.missed,

@@ -93,7 +93,7 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
     let key = before.rsplit(' ').next().unwrap_or_default();
     let elsewhere = match closest(key, defaults) {
         // A valid key of a scenario, in a file of another kind.
-        Some(path) if path == key => format!("{key} belongs into a scenario file. "),
+        Some(path) if path == key => format!("{key} belongs in a scenario file. "),
         _ => String::new(),
     };
     Error::input(format!(
@@ -118,6 +118,22 @@ pub fn in_plain_words(text: &str) -> String {
         plain += &format!("expected {word}{rest}");
     }
     plain
+}
+
+/// Replaces Rust's name of a list at the end of an error by plain words and an example of this `form`.
+pub fn with_list(text: &str, form: Option<String>) -> String {
+    let words = text.rsplit_once("expected ");
+    let listed = words.and_then(|(before, name)| {
+        let list = match name.strip_prefix("an array of length ") {
+            Some(count) => format!("a list of {count} entries"),
+            None if name == "a sequence" => "a list".to_owned(),
+            None if name == "fewer elements in array" => "fewer entries".to_owned(),
+            None => return None,
+        };
+        Some(format!("{before}expected {list}"))
+    });
+    let example = form.map_or_else(String::new, |form| format!(", for example {form}"));
+    listed.map_or_else(|| text.to_owned(), |listed| listed + &example)
 }
 
 /// Path of the key with the most similar name; of equal names, the most similar path.
@@ -228,7 +244,7 @@ mod tests {
             "{text}"
         );
         let text = advice("own.toml: bus: unknown key");
-        assert!(text.contains("bus belongs into a scenario file"), "{text}");
+        assert!(text.contains("bus belongs in a scenario file"), "{text}");
     }
 
     #[test]

@@ -67,7 +67,8 @@ where
             _ => None,
         };
         let (line, path) = (line.unwrap_or_default(), error.path().to_string());
-        let message = error.into_inner().message().to_owned();
+        let form = known_keys(below).map(|known| form_at(&known, error.path()));
+        let message = spelling::with_list(error.inner().message(), form.unwrap_or_default());
         match message.starts_with("unknown field") {
             true => {
                 let key = whole_key(path, &written);
@@ -140,6 +141,37 @@ pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
         }
     }
     Ok(table)
+}
+
+/// Form of the list at `path`: that of the default value. `None` if the default is not a list with entries.
+fn form_at(known: &Table, path: &Path) -> Option<String> {
+    let mut parts = path.iter();
+    let Some(Segment::Map { key }) = parts.next() else {
+        return None;
+    };
+    let first = known.get(key)?;
+    let form = parts.try_fold(first, |value, part| match part {
+        Segment::Map { key } => value.get(key),
+        Segment::Enum { variant } => value.get(variant),
+        // All entries of a list have one form.
+        Segment::Seq { .. } => value.get(0),
+        Segment::Unknown => None,
+    })?;
+    form.as_array()
+        .is_some_and(|entries| !entries.is_empty())
+        .then(|| short(form))
+}
+
+/// A value as TOML, with numbers in single precision.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Float(number) => format!("{:?}", *number as f32),
+        Value::Array(entries) => {
+            let entries: Vec<String> = entries.iter().map(short).collect();
+            format!("[{}]", entries.join(", "))
+        }
+        other => other.to_string(),
+    }
 }
 
 /// Full key of an entry whose path ends at an unknown table: the keys written below are appended.
@@ -364,6 +396,71 @@ mod tests {
         assert!(text("sigmas=[1, 1e39]").contains("sigmas[1] = inf"));
         let large = parse::<Narrow>("inner.loss = 1e300", "test", &[]).unwrap();
         assert_eq!(large.inner.loss, 1e300);
+    }
+
+    #[test]
+    fn number_for_a_list_key_gives_the_form_of_the_list() {
+        #[derive(Debug, Serialize, Deserialize)]
+        #[serde(default)]
+        struct Lists {
+            wheels: Vec<[f64; 2]>,
+            sigmas: [f32; 3],
+            delays: Vec<u32>,
+            free: Vec<f64>,
+        }
+        impl Default for Lists {
+            fn default() -> Self {
+                let (wheels, delays) = (vec![[0.5; 2]], vec![0; 2]);
+                let (sigmas, free) = ([1e-3, 1e-3, 4e-3], Vec::new());
+                Self {
+                    wheels,
+                    sigmas,
+                    delays,
+                    free,
+                }
+            }
+        }
+        for (change, expected) in [
+            ("wheels=10", "a list, for example [[0.5, 0.5]]"),
+            ("wheels=[10]", "a list of 2 entries, for example [0.5, 0.5]"),
+            (
+                "sigmas=1.0",
+                "a list of 3 entries, for example [0.001, 0.001, 0.004]",
+            ),
+            (
+                "sigmas=[1]",
+                "a list of 3 entries, for example [0.001, 0.001, 0.004]",
+            ),
+            (
+                "sigmas=[1, 2, 3, 4]",
+                "fewer entries, for example [0.001, 0.001, 0.004]",
+            ),
+            ("delays=fast", "a list, for example [0, 0]"),
+            ("free=1", "a list"),
+        ] {
+            let read = parse::<Lists>("", "test", &[change.to_owned()]);
+            let text = read.unwrap_err().to_string();
+            assert!(text.ends_with(&format!("expected {expected}")), "{text}");
+        }
+    }
+
+    #[test]
+    fn number_for_a_key_of_each_axle_gives_the_form_of_the_list() {
+        #[derive(Debug, Default, Serialize, Deserialize)]
+        #[serde(default)]
+        struct Robot {
+            plant: plant::PlantConfig,
+        }
+        for (key, form) in [
+            ("tyre.brush.slip_stiffness", "[[20.0, 20.0]]"),
+            ("mass_kg", "[4.76]"),
+            ("wheel_radius_m", "[[0.073, 0.073]]"),
+        ] {
+            let read = parse::<Robot>("", "test", &[format!("plant.{key}=10")]);
+            let text = read.unwrap_err().to_string();
+            let expected = format!("expected a list, for example {form}");
+            assert!(text.contains(key) && text.ends_with(&expected), "{text}");
+        }
     }
 
     #[test]

@@ -112,11 +112,11 @@ impl fmt::Display for PathError {
             ),
             Self::Start(StartFault::Passed(s, most)) => write!(
                 f,
-                "the robot has {s:.2} m of the path behind it: must be at most {most:.2} m"
+                "the robot is {s:.2} m past the start of the path: must be at most {most:.2} m"
             ),
             Self::Start(StartFault::Turn(turn)) => write!(
                 f,
-                "the robot is turned by {:.0}° from the start of the path: must be at most 90°",
+                "the heading of the robot differs from the start of the path by {:.0}°: must be at most 90°",
                 turn.abs().to_degrees()
             ),
             Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
@@ -151,7 +151,7 @@ impl fmt::Display for PathError {
                 bound,
             } => write!(
                 f,
-                "steering changes by {value:.2} rad/m at {place}: at the least speed the frame \
+                "steering changes by {value:.2} rad/m at {place}: at the lowest speed the frame \
                  allows at most {bound:.2} rad/m"
             ),
         }

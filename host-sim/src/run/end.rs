@@ -79,10 +79,10 @@ impl EndKind {
             Self::Uncertain => {
                 "at rest at the goal by its own estimate, but it cannot guarantee the tolerance"
             }
-            Self::Done => "step carried out",
+            Self::Done => "step done",
             Self::Stopped => "stopped by a fault",
             Self::GaveUp => "at rest away from the goal after its last attempt",
-            Self::NoProgress => "was to move and did not",
+            Self::NoProgress => "commanded to move, did not move",
             Self::TimeLimit => "time limit of the run reached",
             Self::NoAnswer => "the robot does not answer",
             Self::Interrupted => "ended by the user",
@@ -395,7 +395,7 @@ impl Verdict {
         match self {
             Self::Within => format!("within {cm} cm and {degrees}°"),
             Self::Outside => format!("outside {cm} cm or {degrees}°"),
-            Self::Failed => "task not carried out".to_owned(),
+            Self::Failed => "task not done".to_owned(),
         }
     }
 }

@@ -169,7 +169,7 @@ impl Monitor {
         let names: Vec<_> = named.map(|sensor| sensor.entry().name).collect();
         let noticed = match names.is_empty() {
             true => String::new(),
-            false => format!("; noticed: {}", names.join(", ")),
+            false => format!("; notices: {}", names.join(", ")),
         };
         Some(format!(
             "the robot stopped with a fault at {first}{advice}{noticed}"

@@ -150,9 +150,7 @@ pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
         let number = index + 1;
         let words = shlex::split(line.trim()).ok_or_else(|| {
             let line = line.trim();
-            Error::input(format!(
-                "line {number}: {line}: a quotation mark has no partner"
-            ))
+            Error::input(format!("line {number}: {line}: unmatched quotation mark"))
         })?;
         if !words.is_empty() {
             lines.push(parse_words(&words, number, scenario)?);
@@ -600,7 +598,7 @@ mod tests {
                 "follow line sp.csv",
                 "SIZE (m) = sp.csv: must be a number above 0",
             ),
-            ("follow \"a b.csv", "a quotation mark has no partner"),
+            ("follow \"a b.csv", "unmatched quotation mark"),
             ("speed 9 0 1", "V (m/s) = 9: must be a number from -"),
             (
                 "speed 0.1 50 1",

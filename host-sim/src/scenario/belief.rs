@@ -73,7 +73,7 @@ impl Pair {
         };
         (!agree).then(|| {
             format!(
-                "{} = {} is true, {} = {} is what the robot believes: set both, unless the robot is to be wrong",
+                "{} = {} is the true value, {} = {} is configured: set both, unless the configuration should be wrong",
                 self.truth,
                 shown(&truth),
                 self.belief,

@@ -45,18 +45,18 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
         |_, used| used == Use::Replay => "in a replay, which recomputes estimates";
     "robot.axle.filter.fix_gate": |_, _| true => "without position fixes, which no node sends";
     "robot.lead.regulator.approach.heading_gain_rad_s":
-        |_, _| true => "in the approach, which has arrival_gain in its place";
+        |_, _| true => "in the approach, which uses arrival_gain instead";
     "robot.axle.supervisor.degraded_time_s robot.axle.supervisor.degraded_distance_m":
-        |_, _| true => "in an axle node, which nothing degrades; vary robot.lead.supervisor";
+        |_, _| true => "in an axle node, which is never degraded; vary robot.lead.supervisor";
     "robot.lead.regulator.law.arrival_gain robot.lead.regulator.law.softening_m \
      robot.lead.course.law.arrival_gain robot.lead.course.law.softening_m":
         |_, _| true => "in the paper's form of the law; vary robot.lead.regulator.approach";
     "sensors.gyro.bias_sigma":
         |scenario, _| scenario.world.sensors.gyro.rest_average_s > 0.0 =>
-            "with sensors.gyro.rest_average_s above 0: the mean at rest takes the bias away";
+            "with sensors.gyro.rest_average_s above 0: the mean at rest removes the bias";
     "sensors.accelerometer.bias_sigma":
         |scenario, _| scenario.world.sensors.accelerometer.rest_average_s > 0.0 =>
-            "with sensors.accelerometer.rest_average_s above 0: the mean at rest takes the bias away";
+            "with sensors.accelerometer.rest_average_s above 0: the mean at rest removes the bias";
     "robot.lead.fusion.mode robot.lead.fusion.beam_gate robot.lead.fusion.gate_patience \
      robot.beam sensors.bridge plant.sensing_mass_kg":
         |scenario, _| !scenario.mission.rps => "with mission.rps = false";
@@ -234,7 +234,7 @@ fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static st
             Some("on this board: the lead node runs on the front board")
         }
         "beam" if of(SHARED_BY_GAUGES) => {
-            Some("on this board: the fusion on the front board takes it into account")
+            Some("on this board: the fusion on the front board uses it")
         }
         "beam" if of(AXLE) => Some("on this board: it has no axle node"),
         "front" | "rear" if of("robot.beam.calibration") || board == "rear" && of("robot.beam") => {

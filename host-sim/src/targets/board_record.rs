@@ -145,7 +145,7 @@ impl BoardRecord {
                     early: Vec::new(),
                 });
             }
-            Entry::End => self.end("its nodes are not those of its configuration".to_owned()),
+            Entry::End => self.end("its nodes differ from its configuration".to_owned()),
             _ => {}
         }
         let Some(nodes) = &mut self.nodes else {
@@ -173,7 +173,7 @@ impl BoardRecord {
             } => {
                 let (tick, samples) = nodes.reference.resolve(step, &samples);
                 if tick < nodes.next {
-                    return self.end("the common time of the boards went back".to_owned());
+                    return self.end("the common time of the boards decreased".to_owned());
                 }
                 let mut received = std::mem::take(&mut nodes.own);
                 received.append(&mut nodes.received);

@@ -92,7 +92,11 @@ pub const FIELDS: &[Field] = &[
     table("spread", "Spread from robot to robot.", Spread::KIND),
     table("sensors", "Sensors.", SensorConfig::KIND),
     table("bus", "The bus between the boards.", BusConfig::KIND),
-    table("told", "What the robot is told.", PlacementAccuracy::KIND),
+    table(
+        "told",
+        "Uncertainties configured in the robot.",
+        PlacementAccuracy::KIND,
+    ),
 ];
 
 /// The key of a table.
@@ -148,7 +152,7 @@ fn beyond(error: &str) -> Error {
         |d| d.1,
     );
     Error::input(format!(
-        "plant.{error}, also for a robot drawn {BOUND} standard deviations from the mean: lower {sigma}"
+        "plant.{error}, also for a draw of {BOUND} standard deviations: lower {sigma}"
     ))
 }
 

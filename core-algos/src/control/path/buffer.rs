@@ -52,9 +52,9 @@ impl fmt::Display for PathError {
         f.write_str(match self {
             Self::Full => "the path buffer is full",
             Self::NotFinite => "a component of the point is not a finite number",
-            Self::NotAdvancing => "the point does not lie after the one before it",
-            Self::Ended => "the path has already been ended",
-            Self::TooTight => "the curvature of the point is more than the frame bends to",
+            Self::NotAdvancing => "the point is not after the previous point",
+            Self::Ended => "the path has already ended",
+            Self::TooTight => "the curvature of the point exceeds the limit of the frame",
         })
     }
 }

@@ -55,7 +55,9 @@ const TABLES: &str = "
 `--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`. Each experiment writes the columns of `epochs.csv` beside its
 pictures (`log.csv`, `log-joint.csv`). A column has the path of the value in a log. A list has a column for each entry,
 counted from 0. Null is an empty cell, true 1, false 0. Bytes, hexadecimal texts and frames (`received`) have no columns.
-The columns of `/lead` in `epochs.csv` hold the latest message at the row's time, sent in the epoch before.
+
+`lead.*` in row k of `epochs.csv` is the estimate of epoch k - 1: for the error of the estimate, subtract `truth.*` of
+row k - 1. A log has the time of the estimate in `epoch_s` of `/lead`.
 
 | table | columns |
 |---|---|

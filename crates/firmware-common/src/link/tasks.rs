@@ -132,7 +132,7 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
         };
         if let Some(route) = driving.handle_event(Instant::now().as_micros(), event, &mut ports) {
             ports.flush(route).await;
-            defmt::info!("reset into a session");
+            defmt::info!("reset to start a session");
             request::restart(Some(route));
         }
     }

@@ -148,11 +148,11 @@ fn log(report: &StoreReport) {
         );
     } else if let Some(parameter) = report.first() {
         warn!(
-            "parameters: {} and {} in all have their default",
+            "parameters: {} and in total {} have their default",
             parameter.name,
             report.defaults()
         );
     } else if report.unverified {
-        warn!("parameters: the store is damaged or a save was cut short: values may be lost");
+        warn!("parameters: the store is damaged or a save was interrupted: values may be lost");
     }
 }

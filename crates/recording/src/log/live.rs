@@ -50,7 +50,7 @@ impl Server {
     ) -> Result<Self, Error> {
         let refuse = |error: &dyn Display| {
             Error::input(format!(
-                "--live {address}: {error}: must be an address of this machine with a port that is free"
+                "--live {address}: {error}: must be an address of this machine with a free port"
             ))
         };
         let hidden = hidden_address();
@@ -81,7 +81,7 @@ impl Server {
         while !self.viewers.came.load(Relaxed) {
             if interrupt.load(Relaxed) {
                 return Err(Error::Interrupted(
-                    "interrupted before a viewer came".to_owned(),
+                    "interrupted before a viewer connected".to_owned(),
                 ));
             }
             thread::sleep(POLL_INTERVAL);

@@ -323,7 +323,7 @@ impl<'a> Reader<'a> {
                     .ok_or("the bits of the lead node's output do not decode")?;
                 if self.released.is_some_and(|released| tick <= released) {
                     return Err(format!(
-                        "it comes more than {MAX_OUTPUT_DELAY_MS} ms after its tick"
+                        "recorded more than {MAX_OUTPUT_DELAY_MS} ms after its tick"
                     ));
                 }
                 if self.boards[self.robot.place(Role::LEAD)].on {
@@ -359,7 +359,7 @@ impl<'a> Reader<'a> {
                 let entry: Start = parse(data)?;
                 let config = entry.parameters.value();
                 let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
-                let place = place.map(|place| place.ok_or("its place does not decode"));
+                let place = place.map(|place| place.ok_or("its initial estimate does not decode"));
                 Event::Start {
                     tick: entry.tick,
                     config: Box::new(config.ok_or("its parameters do not decode in this version")?),

@@ -161,7 +161,7 @@ impl<W: Write + Seek> LogCopy<W> {
             // The channel was in a lost chunk.
             Err(McapError::UnknownChannel(..)) => {
                 self.note_missing(format!(
-                    "a message at {:.3} s of a channel that is lost",
+                    "a message at {:.3} s of a lost channel",
                     header.log_time as f64 * 1e-9
                 ));
                 Ok(())

@@ -200,7 +200,7 @@ impl ComparedBoard {
         };
         if !replayed_board.on {
             return Err(Error::input(format!(
-                "tick {}: the {} board has no start",
+                "tick {}: no start of the {} board is recorded before this tick",
                 step.tick, replayed_board.name
             )));
         }
@@ -358,7 +358,7 @@ pub struct Quality {
     pub relative_rms_m: Option<f64>,
     /// Mean normalised estimation error squared (NEES) of the midpoint; 3 if its covariance is right.
     pub mean_nees: Option<f64>,
-    /// Mean normalised innovation squared (NIS) of the beam; 3 if its covariance is right.
+    /// Mean normalised innovation squared (NIS) of the beam; 0.1 to 0.5 is expected.
     pub mean_nis: f64,
     /// Fraction of innovations that the gate rejected.
     pub refused: f64,

@@ -40,7 +40,7 @@ impl VirtualRobot {
         self.advance();
         self.read_sent_bytes()?;
         match self.network.now() >= BOOT_TIMEOUT {
-            true => Err(Error::Failure("the boards do not record".to_owned())),
+            true => Err(Error::Failure("no records from the boards".to_owned())),
             false => Ok(()),
         }
     }

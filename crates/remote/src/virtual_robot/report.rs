@@ -144,7 +144,9 @@ impl BoardReport {
             (error_frames, 0, "error frames"),
         ];
         let beyond = counts.into_iter().find(|(count, most, _)| count > most);
-        beyond.map(|(count, most, what)| format!("{name} board: {count} {what}, at most {most}"))
+        beyond.map(|(count, most, what)| {
+            format!("{name} board: {count} {what}: must be at most {most}")
+        })
     }
 }
 

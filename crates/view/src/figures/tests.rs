@@ -170,7 +170,7 @@ fn map_of_starts_distinguishes_verdicts() {
     for text in [
         "198 of 200 within 3 cm and 3°",
         "outside 3 cm or 3°",
-        "task not carried out",
+        "task not done",
     ] {
         assert!(svg.contains(text), "{text}");
     }

@@ -286,7 +286,7 @@ impl Gpio {
     fn settle(&mut self, pin: Pin, shared: &mut Shared) {
         let (chip, circuit) = (self.chip[pin.index()], self.circuit[pin.index()]);
         if chip.is_strong() && circuit.is_strong() && chip != circuit {
-            let text = format!("{pin} is driven against what is soldered to it");
+            let text = format!("{pin} and the circuit drive opposite levels");
             shared.note(FindingKind::Pin, text);
         }
         // An analogue pin has no digital input.

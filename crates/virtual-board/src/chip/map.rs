@@ -58,7 +58,7 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0xa000_0000, 0xa000_0fff, "FSMC"), (0x4002_8000, 0x4002_93ff, "ETH"),
     (0x5005_0000, 0x5005_03ff, "DCMI"), (0x1fff_0000, 0x1fff_77ff, "the boot loader's memory"),
     (0x2200_0000, 0x23ff_ffff, "bit-band aliases"), (0x4200_0000, 0x43ff_ffff, "bit-band aliases"),
-    (0x1fff_7800, 0x1fff_7a0f, "the memory that is programmed once"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
+    (0x1fff_7800, 0x1fff_7a0f, "one-time programmable memory"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
 /// Name of the peripheral at an address if it exists on the chip but is not modelled.

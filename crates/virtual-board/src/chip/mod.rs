@@ -339,7 +339,7 @@ impl Chip {
                     if !units.gpio.is_analogue(pin) {
                         shared.note(
                             FindingKind::Pin,
-                            format!("{pin} is converted and not analogue"),
+                            format!("{pin} is converted but not in analogue mode"),
                         );
                     }
                 }

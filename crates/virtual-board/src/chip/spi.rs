@@ -107,7 +107,7 @@ impl Spi {
         ];
         shared.note_not_modelled(changed & value, &features);
         if self.shift.is_some() && changed & (SHAPE | SPE) != 0 {
-            let text = "SPI1: CR1 changed while a word is on its way (BSY)";
+            let text = "SPI1: CR1 changed during a transfer (BSY)";
             shared.note(FindingKind::Forbidden, text);
         } else if self.cr1 & value & SPE != 0 && changed & DFF != 0 {
             shared.note(
@@ -137,7 +137,7 @@ impl Spi {
         }
         let hz = shared.clocks.hclk_hz / self.period(shared);
         if hz > CLOCK_LIMIT {
-            let text = format!("SPI1: {hz} Hz, {CLOCK_LIMIT} Hz at most");
+            let text = format!("SPI1: {hz} Hz: must be at most {CLOCK_LIMIT} Hz");
             shared.note(FindingKind::ClockLimit, text);
         }
     }

@@ -142,7 +142,7 @@ impl Peripheral for Tim11 {
         if outside {
             shared.note(
                 FindingKind::NotModelled,
-                "TIM11: all but captures of the divided crystal",
+                "TIM11: all except captures of the divided crystal",
             );
         }
         if self.captures() && !captured {

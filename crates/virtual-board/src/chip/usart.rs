@@ -208,7 +208,7 @@ impl Usart {
         let features = [
             (LINEN, "USART3: LIN"),
             (CLKEN, "USART3: synchronous mode"),
-            (STOP, "USART3: other than one stop bit"),
+            (STOP, "USART3: stop bits other than one"),
         ];
         shared.note_not_modelled(value & !self.cr2, &features);
         self.cr2 = value;

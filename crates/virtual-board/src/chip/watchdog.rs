@@ -39,7 +39,7 @@ impl Slow {
 
     fn write(&mut self, value: u32, name: &str, shared: &mut Shared) {
         if self.next.is_some() {
-            let text = format!("IWDG_{name} written before the last write was taken over");
+            let text = format!("IWDG_{name} written before the previous write took effect");
             return shared.note(FindingKind::Forbidden, text);
         }
         self.next = Some((value, shared.time() + shared.variation.slow(UPDATE)));

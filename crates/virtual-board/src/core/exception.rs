@@ -391,7 +391,7 @@ impl Core {
                 self.nvic.pend(fault, self.cycles);
                 self.chain(system, fault, value);
             }
-            None => self.lock_up(system, "exception return that does not fit"),
+            None => self.lock_up(system, "invalid exception return (INVPC)"),
         }
     }
 

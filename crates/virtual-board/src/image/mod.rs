@@ -279,7 +279,7 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
                 "{length} bytes at {place} of {} (number {number})",
                 bytes.len()
             );
-            return Err(("a segment", value, "within the file: it is cut"));
+            return Err(("a segment", value, "within the file, which is truncated"));
         };
         let end = u64::from(address) + u64::from(length);
         if address < FLASH.start || end > u64::from(FLASH.end) {

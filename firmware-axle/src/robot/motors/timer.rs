@@ -47,7 +47,7 @@ const TRIGGER: usize = 3;
 /// Sampling instants, see above.
 const SAMPLING: Sampling = match sampling::AXLE.build() {
     Some(sampling) => sampling,
-    None => panic!("no clean place to sample"),
+    None => panic!("no sampling instant free of PWM edges"),
 };
 
 /// The timer; its outputs are low until they are enabled.

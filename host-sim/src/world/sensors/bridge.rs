@@ -81,7 +81,7 @@ impl BridgeConfig {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
         let count = self.gauges_m.len();
-        let allowed = Allowed::Condition("a list of 1 to 8 positions");
+        let allowed = Allowed::Condition("1 to 8 positions");
         require(
             (1..=MAX_GAUGES).contains(&count),
             "gauges_m",

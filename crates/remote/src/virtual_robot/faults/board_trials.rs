@@ -162,7 +162,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
         }
         if !(started && unchanged) {
             return Ok(Err(format!(
-                "case {case}: {at}, {volts} V for {span}: told {started}, flash as before {unchanged}"
+                "case {case}: {at}, {volts} V for {span}: heartbeat received {started}, flash unchanged {unchanged}"
             )));
         }
     }
@@ -260,7 +260,7 @@ fn cut(
     let same = notices.contains(Condition::ParameterDefault) == report.unverified;
     Ok(match (bench.robot.monitor().latest(Node::beam(0)), same) {
         (None, _) => Err("the board did not start".to_owned()),
-        (Some(_), false) => Err("the notice is not what the store is".to_owned()),
+        (Some(_), false) => Err("the notice of a default does not match the store".to_owned()),
         (Some(_), true) => match bench.first_finding(Role::beam(0)) {
             Some(first_finding) => Err(first_finding),
             None => Ok(()),
@@ -348,7 +348,7 @@ pub fn flipped_bits(campaign: &Campaign, seed: u64) -> TrialResult {
         let has_notice = notices.contains(Condition::ParameterDefault);
         if !(started && unchanged && (same || has_notice)) {
             return Ok(Err(format!(
-                "bit {bit}: heard {started}, flash as before {unchanged}, values the same {same}, told {has_notice}"
+                "bit {bit}: heartbeat received {started}, flash unchanged {unchanged}, values unchanged {same}, default noticed {has_notice}"
             )));
         }
     }

@@ -165,7 +165,10 @@ impl FaultObserver {
             *beyond = if within { 0 } else { *beyond + 1 };
             if *beyond > MAX_BEYOND_TICKS {
                 let what = ["speed", "steering", "force"][i];
-                exceeded = Some(format!("{what} of {:.2}, beyond {}", values[i], BOUNDS[i]));
+                exceeded = Some(format!(
+                    "{what} {:.2}: must be at most {}",
+                    values[i], BOUNDS[i]
+                ));
             }
         }
         exceeded
@@ -242,7 +245,7 @@ pub fn run_on(
     let violation = observer.violation.or_else(|| match off_s {
         Some(off_s) => stop_violation(case.entry, reason, off_s, None),
         None if done => goal_missed(simulation, scenario, case.entry),
-        None => Some("neither done nor stopped".to_owned()),
+        None => Some("the task is neither done nor stopped".to_owned()),
     });
     let end = if done { End::WentOn } else { End::Stopped };
     Ok(Outcome {
@@ -270,7 +273,7 @@ fn goal_missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> O
     let near = away <= position && turned <= heading;
     (!near).then(|| {
         format!(
-            "{:.1} cm and {:.1}° off at the end",
+            "goal error {:.1} cm and {:.1}° at the end",
             1e2 * away,
             turned.to_degrees()
         )

@@ -64,7 +64,7 @@ fn blinks_code(bench: &mut FaultBench) -> Option<String> {
     let shows = digits
         .windows(3)
         .any(|three| matches!(three, [8, 0, _] | [_, 8, 0]));
-    (!shows).then(|| format!("the LED blinks {digits:?}: must be 8, 0"))
+    (!shows).then(|| format!("digits on the LED {digits:?}: must be 8, 0"))
 }
 
 pub fn entries() -> Vec<Entry> {

@@ -210,7 +210,7 @@ fn violation(bench: &mut FaultBench, entry: &Entry, before: &[Vec<u8>]) -> Optio
     if let Some(wrong) = observed.or_else(|| entry.check.and_then(|check| check(bench))) {
         return Some(wrong);
     }
-    (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
+    (entry.restarts && !has_restarted(bench)).then(|| "the restart was not reported".to_owned())
 }
 
 /// End of the last PWM pulse of the affected axle.
@@ -301,7 +301,8 @@ fn drive_violation(
     let expected = reference.get(index as usize - 1)?;
     let midpoint = bench.robot.plant.midpoint();
     let away = libm::hypot(midpoint[0] - expected[0], midpoint[1] - expected[1]);
-    (away > MAX_DEVIATION_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
+    (away > MAX_DEVIATION_M)
+        .then(|| format!("midpoint {:.1} cm from the undisturbed run", 1e2 * away))
 }
 
 /// Runs a case from power-on.

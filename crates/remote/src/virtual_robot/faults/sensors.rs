@@ -56,7 +56,7 @@ fn inertial(bench: &mut FaultBench, change: fn(&mut InertialFault)) {
 fn degraded(bench: &mut FaultBench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
-    Some(format!("at the end still {worst}"))
+    Some(format!("notice at the end: {worst}"))
 }
 
 /// Difference between the encoder's counter and the edges of its disc, if too large.

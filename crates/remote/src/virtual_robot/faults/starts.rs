@@ -22,7 +22,8 @@ fn blinks_fast(bench: &mut FaultBench) -> Option<String> {
             .filter(|us| (24_500..25_500).contains(*us))
             .count();
     });
-    (halves < 20).then(|| format!("{halves} halves of a blink at the LED: must be 20 and more"))
+    (halves < 20)
+        .then(|| format!("{halves} half periods of blinking at the LED: must be at least 20"))
 }
 
 /// Checks that a board has reported another board with its role.

@@ -120,7 +120,10 @@ impl Can {
         let timing = self.timing(shared);
         let divider = (u64::from(self.btr & 0x3ff) + 1) * u64::from(timing.quanta());
         if clock > MAX_RATE * divider {
-            let text = format!("CAN1: {} bit/s, {MAX_RATE} at most", clock / divider);
+            let text = format!(
+                "CAN1: {} bit/s: must be at most {MAX_RATE}",
+                clock / divider
+            );
             shared.note(FindingKind::ClockLimit, text);
         }
     }

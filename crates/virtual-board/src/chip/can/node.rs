@@ -15,7 +15,7 @@ impl Chip {
     fn is_routed(&mut self, signal: Signal, name: &str) -> bool {
         let found = self.units.gpio.pin_of(signal).is_some();
         if !found {
-            let text = format!("CAN1 takes part without a pin for {name}");
+            let text = format!("CAN1 is on the bus without a pin for {name}");
             self.shared.note(FindingKind::Pin, text);
         }
         found

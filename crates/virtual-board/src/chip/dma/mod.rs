@@ -180,7 +180,7 @@ impl Dma {
     fn may_start(&self, k: usize, shared: &mut Shared) -> bool {
         let s = &self.streams[k];
         if s.flags != 0 {
-            self.refuse(k, "switched on with flags up", shared);
+            self.refuse(k, "switched on with flags set", shared);
             return false;
         }
         let unknown = PFCTRL | PINC | DBM | BURSTS;
@@ -193,7 +193,7 @@ impl Dma {
             return false;
         }
         if s.ndtr == 0 {
-            self.refuse(k, "switched on without data", shared);
+            self.refuse(k, "switched on with NDTR = 0", shared);
         }
         let width = s.width().bytes();
         if !s.peripheral.is_multiple_of(width) || !s.memory[0].is_multiple_of(width) {

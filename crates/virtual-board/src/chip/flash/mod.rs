@@ -256,7 +256,7 @@ impl Flash {
 
     fn begin(&mut self, operation: Operation, takes: Time, shared: &mut Shared) {
         if shared.clocks.hclk_hz < SLOWEST_HZ {
-            let text = "flash operation with a core's clock below 1 MHz";
+            let text = "flash operation with a core clock below 1 MHz";
             shared.note(FindingKind::ClockLimit, text);
         }
         self.begun.push(FlashOperation {
@@ -293,7 +293,7 @@ impl Flash {
         let parallelism = self.parallelism();
         if !parallelism.is_allowed(shared.volts) {
             let (bits, volts) = (8 << parallelism.0, shared.volts);
-            let text = format!("flash operation by {bits} bits at a supply of {volts:.2} V");
+            let text = format!("flash operation of {bits} bits at a supply of {volts:.2} V");
             shared.note(FindingKind::Forbidden, text);
         }
     }
@@ -318,7 +318,7 @@ impl Flash {
             let text = format!("flash written at {address:#010x} without PG");
             self.refuse(PGSERR, text, shared);
         } else if !self.parallelism().is(width) {
-            let text = "flash written in another width than PSIZE says".to_owned();
+            let text = "flash written in a width other than PSIZE".to_owned();
             self.refuse(PGPERR, text, shared);
         } else {
             self.check_supply(shared);
@@ -336,7 +336,7 @@ impl Flash {
     fn erase_sector(&mut self, shared: &mut Shared) {
         let number = self.cr >> 3 & 15;
         let Some((first, last)) = layout::sector(number) else {
-            let text = format!("flash sector {number} erased: there are {SECTORS}");
+            let text = format!("flash sector {number} erased: must be less than {SECTORS}");
             return self.refuse(PGSERR, text, shared);
         };
         self.check_supply(shared);

@@ -15,7 +15,7 @@ impl Flash {
             _ => {
                 *given = Keys::Broken;
                 shared.bus_error = true;
-                let text = "flash: a wrong key, locked until the next reset";
+                let text = "flash: wrong key; locked until the next reset";
                 shared.note(FindingKind::Forbidden, text);
             }
         }
@@ -40,7 +40,7 @@ impl Flash {
         if value & STRT != 0 {
             match value & (SER | MER) {
                 SER => self.erase_sector(shared),
-                MER => shared.note(FindingKind::NotModelled, "FLASH: all is erased at once"),
+                MER => shared.note(FindingKind::NotModelled, "FLASH: mass erase (MER)"),
                 _ => {
                     let text = "FLASH_CR: STRT without one of SER and MER".to_owned();
                     self.refuse(PGSERR, text, shared);

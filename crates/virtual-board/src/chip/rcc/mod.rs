@@ -223,7 +223,7 @@ impl Rcc {
         if ran && self.reg(0) & CSSON != 0 {
             self.take_over(used, shared);
         } else if used {
-            let text = "the crystal failed without clock security: the core stands still";
+            let text = "the crystal failed without clock security: the core stops";
             shared.note(FindingKind::ClockLimit, text);
             self.stalled = true;
             shared.effect(Effect::Frequency(STALLED_HZ));
@@ -329,7 +329,7 @@ impl Rcc {
                 continue;
             }
             if self.is_used(which) {
-                let text = "the oscillator that the core runs on is switched off";
+                let text = "the oscillator of the core clock is switched off";
                 shared.note(FindingKind::Forbidden, text);
                 value |= bit;
             } else {
@@ -338,10 +338,7 @@ impl Rcc {
         }
         for (changed, text) in [
             (value & !old & PLLI2SON != 0, "PLLI2S"),
-            (
-                value & !old & HSEBYP != 0,
-                "a clock instead of the crystal (HSEBYP)",
-            ),
+            (value & !old & HSEBYP != 0, "external clock (HSEBYP)"),
             (
                 (value ^ old) & TRIM != 0,
                 "trimming of the internal oscillator",

@@ -157,7 +157,10 @@ fn converting_a_digital_pin_is_a_finding_once() {
     bench.scans();
     bench.write_all(&[(PORT_A, 0xa800_0fcf), (TIM2, 1)]);
     bench.run_to(bench.cycle + 5_000);
-    let found = [(FindingKind::Pin, "PA2 is converted and not analogue")];
+    let found = [(
+        FindingKind::Pin,
+        "PA2 is converted but not in analogue mode",
+    )];
     assert_eq!(bench.findings(), found);
 }
 

@@ -129,7 +129,7 @@ impl Timer {
         let now = shared.now;
         *self.reg_mut(SMCR) = value;
         if !matches!(value & 7, 0 | ENCODER) || value & 1 << 14 != 0 {
-            let what = "slave modes except encoders with edges of both inputs, external clock";
+            let what = "slave modes except encoders with edges of both inputs and external clock";
             self.not_modelled(what, shared);
         }
         if self.is_encoder() {
