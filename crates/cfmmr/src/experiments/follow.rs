@@ -177,7 +177,7 @@ pub fn publish(
     });
     let heading = format!("{title}: {shape}, {}", variant.label());
     let figure = figures::follow(&heading, &context.body(), &run);
-    figure.add(&mut files, &name);
+    figure.add(&mut files, name);
     files.csv("errors.csv", errors(moments));
     files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));

@@ -211,7 +211,7 @@ pub fn merge(
     let correlations = pictures::correlations(study, &runs, &report.influences);
     pictures.extend(correlations.map(|figure| ("correlations", figure)));
     for (name, figure) in pictures {
-        figure.add(&mut files, &name);
+        figure.add(&mut files, name);
     }
     Ok(Merged {
         report,
