@@ -76,9 +76,7 @@ impl EndKind {
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Reached => "at rest at the goal, with its 95 % error within the tolerance",
-            Self::Uncertain => {
-                "at rest at the goal by its own estimate, but it cannot guarantee the tolerance"
-            }
+            Self::Uncertain => "at rest at the goal, but its 95 % error exceeds the tolerance",
             Self::Done => "step done",
             Self::Stopped => "stopped by a fault",
             Self::GaveUp => "at rest away from the goal after its last attempt",

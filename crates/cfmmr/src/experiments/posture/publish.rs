@@ -86,7 +86,7 @@ fn screen(context: &Context, report: &PostureReport, variants: &[Variant]) -> St
     ];
     format!(
         "{}Posture regulation, {} trials a row, seed {}, world {world}\n\n{}{}\n\
-         open {folder}/report.html (one run, animated), {folder}/paths.png (all runs)\n\
+         open {folder}/report.html, {folder}/paths.png\n\
          next: cargo cfmmr follow, cargo cfmmr paper, cargo cfmmr glossary\n",
         report::verdict(&report.rows, variants),
         report.trials,

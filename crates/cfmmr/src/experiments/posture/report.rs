@@ -2,6 +2,7 @@
 
 use super::Trial;
 use super::variant::Variant;
+use core_algos::fusion::robot::Mode;
 use host_sim::base::statistics;
 use host_sim::base::statistics::Summary;
 use host_sim::run::end::{EndKind, Ends, RunEnd};
@@ -119,43 +120,36 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Posture
     }
 }
 
-/// The row with the smallest mean goal error against the first row, in one line; empty for a single row.
+/// Goal error of the default fusion against that of the first row, in one line; empty for a single row.
 pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
-    let pairs = || rows.iter().zip(variants);
-    let best = pairs().min_by(|(a, _), (b, _)| a.e_m.mean.total_cmp(&b.e_m.mean));
-    let (Some(best), Some(first)) = (best, pairs().next()) else {
-        return String::new();
-    };
+    let mut pairs = rows.iter().zip(variants);
     let named = |(row, variant): (&PostureRow, &Variant)| {
-        let alone = if variant.rps || variant.imu {
-            ""
-        } else {
-            " alone"
+        let fusion = match variant.mode {
+            Mode::Odometry => String::new(),
+            _ => format!(" ({})", variant.fusion()),
         };
-        format!("{}{alone}: {} cm", variant.sensors(), row.e_text())
+        format!("{} cm with {}{fusion}", row.e_text(), variant.sensors())
     };
-    match (rows.len(), best.1 == first.1) {
-        (1, _) => String::new(),
-        (_, true) => format!("Smallest goal error with {}.\n\n", named(first)),
-        (_, false) => format!(
-            "Goal error with {}; with {}.\n\n",
-            named(best),
-            named(first)
-        ),
+    let first = pairs.next();
+    let default = pairs
+        .clone()
+        .rfind(|(_, variant)| variant.mode == Mode::Joint);
+    match (default.or_else(|| pairs.last()), first) {
+        (Some(row), Some(first)) => format!("Goal error: {}, {}.\n\n", named(row), named(first)),
+        _ => String::new(),
     }
 }
 
 /// Meaning of the columns and of the ends that occur. `tolerance`: position, m, and heading, rad.
 pub fn meanings(rows: &[PostureRow], [position, heading]: [f64; 2]) -> String {
-    let claim = match rows.iter().any(|row| row.error_95_is_bound) {
-        false => "",
-        true => "; ≤: a bound, since without gauges and gyros tyre slip is not observed",
-    };
     let mut lines = vec![
-        "goal: distance of the true midpoint from the goal, mean ± standard deviation".to_owned(),
+        "goal: true distance from the goal at the end, mean ± standard deviation".to_owned(),
         "heading: true heading less that of the goal, mean of the magnitude".to_owned(),
-        format!("claim: 95 % error of the position by the robot's own estimate{claim}"),
+        "claim: 95 % error of the position by the robot's own estimate, mean".to_owned(),
     ];
+    if rows.iter().any(|row| row.error_95_is_bound) {
+        lines.push("≤: upper bound; tyre slip is unobserved without gauges or gyros".to_owned());
+    }
     for kind in EndKind::ALL {
         let mut ends = rows.iter().flat_map(|row| &row.runs);
         if ends.any(|end| end.kind == kind) {
