@@ -36,7 +36,7 @@ const ORDERS: &[(&str, &str)] = &[
         "crates/recording",
         "schema entry topics dbc csv tables log no_log writer tap",
     ),
-    ("crates/view", "style plot figures page"),
+    ("crates/view", "style plot figures animation page"),
     (
         "crates/cfmmr",
         "thinned no_dashboard dashboard experiments cli",
