@@ -402,7 +402,7 @@ pub struct Strip {
     pub(super) rigid_tip: f32,
     /// Bending stiffness, N m².
     pub(super) stiffness: f32,
-    /// Standard deviations of the readings.
+    /// Standard deviations of the errors of the readings.
     pub(super) uncertainty: Uncertainty,
     /// Variance of the noise of a gauge's curvature, 1/m².
     pub(super) noise_variance: f32,
@@ -463,8 +463,8 @@ impl Strip {
         covariance
     }
 
-    /// Adds `excess`, the noise variance of the readings above the configured one (strain²), to the covariances of a
-    /// posture.
+    /// Adds `excess` (strain²) to the covariances of a posture: the noise variance of the readings less the configured
+    /// variance.
     pub(super) fn with_excess_noise(
         &self,
         mut relative: RelativePosture,
