@@ -240,7 +240,7 @@ impl Planner {
         if !relative.is_finite() {
             return search;
         }
-        // Already in the funnel: a plan without segments. A segment that shortens the path may still be found.
+        // A start in the funnel has a plan without segments; the search may find a segment that shortens the path.
         search.improve((None, None), self.evaluate(start, 0.0, None, None).1);
         let (motion, steps) = (0, 0);
         search.stage = Stage::Single { motion, steps };

@@ -10,11 +10,11 @@ use crate::safety::Condition;
 pub struct Limits {
     /// Largest current of a motor, A, and periods beyond it.
     pub current: (f32, u16),
-    /// Periods of a driver fault.
+    /// Periods of a driver fault after which the protection trips.
     pub fault_periods: u16,
     /// Lowest and highest supply voltage, V.
     pub supply_v: (f32, f32),
-    /// Periods of a supply voltage beyond its limits.
+    /// Periods of a supply voltage beyond its limits after which the protection trips.
     pub supply_periods: u16,
 }
 
@@ -32,7 +32,7 @@ pub struct Motor {
 /// Readings of one PWM period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// Left and right.
+    /// Left and right motor.
     pub motors: [Motor; 2],
     /// Supply, V.
     pub supply_v: f32,

@@ -188,7 +188,7 @@ fn buffer_streams_points_and_rejects_them_when_full() {
         path.push(on_line(i as f32 * 0.02)).unwrap();
     }
     assert_eq!(path.room(), 0);
-    // Across the wrap of the ring.
+    // These arc lengths go across the wrap of the ring buffer.
     for i in 0..60 {
         let s = 0.1 + i as f32 * 0.005;
         assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
@@ -406,7 +406,7 @@ properties! { cases 64;
         let h = 1e-4f32;
         let around = [s - h, s + h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let rate = (around[1] - around[0]) / (2.0 * f64::from(h)) * exact;
-        // Except where the active limit changes.
+        // The rate jumps where the active limit changes; these places are skipped.
         let smooth = [s - 3.0 * h, s + 3.0 * h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let wide = (smooth[1] - smooth[0]) / (6.0 * f64::from(h)) * exact;
         if s > 1e-3 && (rate - wide).abs() < 1e-3 && s < end - 1e-3 {

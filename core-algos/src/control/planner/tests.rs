@@ -155,7 +155,7 @@ fn approach_cost(
     Some(length + cusp)
 }
 
-/// Starts over the planner's range. The first may approach forward or, on a longer path, in reverse.
+/// Starts over the planner's range. The first start may approach forward or, on a longer path, in reverse.
 fn starts() -> impl Iterator<Item = [f64; 3]> {
     let beside = [-1.2f64.cos(), 1.2f64.sin(), -2.4];
     let others = (1..=40).map(|k| {
