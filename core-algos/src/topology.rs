@@ -324,7 +324,7 @@ impl Topology {
 mod tests {
     use super::*;
 
-    /// Lists the boards of three axles by hand.
+    /// Names for three axles are listed by hand; the places are checked for every number of axles.
     #[test]
     fn boards_and_nodes_of_three_axles_have_their_places_and_names() {
         let robot = Topology::new(3).unwrap();

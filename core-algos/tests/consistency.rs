@@ -504,8 +504,8 @@ fn fused_nees(correlation: f64, fuse: &dyn Fn(&Estimate, &Estimate) -> Estimate)
     sum / PAIRS as f64
 }
 
-/// Covariance intersection lies below the band unless errors are fully shared. Its covariance is exact for fully
-/// shared errors, so a smaller one would be overconfident there.
+/// The NEES of covariance intersection lies below the band unless the errors are fully shared. For fully shared errors
+/// the covariance is exact, so a smaller covariance is overconfident.
 #[test]
 fn intersection_with_a_smaller_covariance_is_overconfident_for_shared_errors() {
     let intersection = intersection::Config::default().build().unwrap();

@@ -486,7 +486,7 @@ mod tests {
         }
     }
 
-    /// Sums are relative to the first count.
+    /// The bad sample may be the first sample, to which the sums are relative.
     #[test]
     fn bad_sample_rejects_the_average_of_its_gauge_only() {
         let limits = StandstillLimits::default();

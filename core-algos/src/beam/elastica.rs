@@ -62,7 +62,7 @@ pub struct Search {
     tried: u8,
     /// Descent in progress from one of `starts`.
     descent: Option<Descent>,
-    /// True if the descent from the polynomial's shape did not give the lowest minimum.
+    /// True if the lowest minimum came from an earlier fit's result or from one of `starts`.
     elsewhere: bool,
     open: bool,
     evaluations: u8,

@@ -275,7 +275,7 @@ mod tests {
         assert_eq!(cos_and_sinc_slope(0.0).0, 1.0);
     }
 
-    /// The start alone is good enough for one step of Newton's method at all angles in use.
+    /// Up to 0.5 rad, the default limit, one step of Newton's method from the start is enough.
     #[test]
     fn start_needs_one_step_up_to_half_a_radian() {
         for end in [0.0f32, 0.02, 0.1] {

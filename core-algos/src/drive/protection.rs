@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(stopped, Some((1, Condition::EmergencyStop)));
     }
 
-    /// A fault line that is low in three samples of four is noise, as are alternating spikes of both drivers.
+    /// Interrupted conditions do not trip: a fault of either driver, overcurrent, low supply.
     #[test]
     fn interrupted_fault_does_not_trip() {
         let mut protection = Protection::new(LIMITS);

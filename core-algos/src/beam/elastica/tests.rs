@@ -936,7 +936,7 @@ fn worst(at: &[f64], load: f64, lose: bool, count: usize) -> (f64, f64) {
     worst
 }
 
-/// Loads up to twice the first buckling load of a clamped strip.
+/// The compression is up to 85 EI/L², twice the first buckling load of a clamped strip.
 #[test]
 fn exact_shapes_are_found_for_any_placement() {
     for at in [

@@ -89,7 +89,7 @@ properties! { cases 64;
         kappa in -2.5f32..2.5, lateral in -0.05f32..0.05,
     ) {
         let (law, lead) = (law(), Lead::of(&law()));
-        // O at the origin of a path along x; the reference on the path's circle.
+        // O is beside the origin of a path that begins along x; the reference is on the path's circle.
         let ahead = lead.distance(kappa, lateral);
         let center = Posture::new(0.0, lateral, 0.0);
         let reference = Posture::ORIGIN.advance(ahead, kappa * ahead);
@@ -492,7 +492,7 @@ fn trajectory_position_speed_and_acceleration_are_consistent() {
     }
 }
 
-/// Beyond its ends, and at the end point, a path has a constant curvature.
+/// At its end points and beyond, a path has a constant curvature.
 #[test]
 fn path_curvature_changes_between_points_only() {
     let (a, b) = (clothoid(0.0, 1.0, 1.0, 0.5), clothoid(0.0, 1.0, 1.0, 0.6));

@@ -75,7 +75,7 @@ properties! { cases 100;
         }
     }
 
-    /// The plan depends only on the start in the goal's frame.
+    /// The cost of the plan depends only on the start in the goal's frame.
     #[test]
     fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
         let planner = Config::default().build(2.0).unwrap();

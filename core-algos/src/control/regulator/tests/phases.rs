@@ -552,7 +552,7 @@ fn new_phase_restarts_the_time_without_motion() {
     }
 }
 
-/// A robot that is stuck twice within 1 cm, outside the goal's tolerance, is blocked.
+/// A robot that is stuck twice within 1 cm, outside the goal's tolerance and the accepted error, is blocked.
 #[test]
 fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
     let regulator = plain();
