@@ -3,7 +3,7 @@
 //!
 //! # Rate and filters
 //!
-//! Sensor and board have separate clocks. At equal rates the board would at times read a sample twice or miss one.
+//! Sensor and board have separate clocks. At equal rates the board would at times read a sample twice or miss a sample.
 //! The sensor therefore runs at 8 kHz, and the board reads the latest sample each millisecond: always a new sample, 0
 //! to 125 µs old. Two second-order low-pass filters in the sensor prevent aliasing: anti-alias filter 536 Hz, UI
 //! filter 400 Hz. Their delays add to 1.0 ms (√2/2πf each: 0.42 and 0.56 ms), and to 1.0 to 1.1 ms with the age of

@@ -36,7 +36,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks every field; `gauges` is the number of gauges on the strip.
+    /// Builds the validated calibration of a strip with `gauges` gauges; the error names the invalid field.
     pub fn build(&self, gauges: usize) -> Result<Calibration, ConfigError> {
         self.check_ranges()?;
         let full_scale = self.full_scale_counts;
@@ -174,7 +174,7 @@ declare! {
 }
 
 impl StandstillLimits {
-    /// Checks every field.
+    /// These limits, validated; the error names the invalid field.
     pub fn build(&self) -> Result<Self, ConfigError> {
         self.check_ranges()?;
         Ok(*self)

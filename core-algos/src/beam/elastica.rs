@@ -156,7 +156,7 @@ impl Solver {
         }
     }
 
-    /// The strip.
+    /// Strip whose readings are fitted.
     pub fn strip(&self) -> &Strip {
         &self.strip
     }

@@ -71,7 +71,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks every field.
+    /// Builds the validated monitor; the error names the invalid field.
     pub fn build(&self) -> Result<Monitor, ConfigError> {
         self.check_ranges()?;
         require(

@@ -180,7 +180,7 @@ impl Quadrature {
         }
     }
 
-    /// The interpolant.
+    /// Interpolant that this quadrature integrates.
     pub fn interpolant(&self) -> &Interpolant {
         &self.interpolant
     }

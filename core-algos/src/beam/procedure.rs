@@ -57,7 +57,7 @@ impl Procedure {
         }
     }
 
-    /// Begins a calibration; a running one is aborted.
+    /// Begins a calibration; a running calibration is aborted.
     pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
         self.running = Some(Running {
             sequence,

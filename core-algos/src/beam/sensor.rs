@@ -107,7 +107,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks every field.
+    /// Builds the validated sensor; the error names the invalid field.
     pub fn build(&self) -> Result<RelativePositionSensor, ConfigError> {
         self.check_ranges()?;
         let strip = self.strip.build()?;
@@ -162,7 +162,7 @@ impl PostureSolver {
         })
     }
 
-    /// The strip.
+    /// Strip for which this solver computes postures.
     pub fn strip(&self) -> &Strip {
         self.solver.strip()
     }
@@ -311,7 +311,7 @@ pub struct Estimate {
 }
 
 impl RelativePositionSensor {
-    /// The strip.
+    /// Strip of the sensor.
     pub fn strip(&self) -> &Strip {
         self.posture.strip()
     }

@@ -65,7 +65,7 @@ impl PerGauge {
         self.values
     }
 
-    /// The values.
+    /// Values from root to tip.
     pub fn iter(&self) -> impl Iterator<Item = f32> + '_ {
         self.values.iter().copied().take(self.count)
     }
@@ -336,7 +336,7 @@ impl Config {
         }
     }
 
-    /// Checks every field.
+    /// Builds the validated strip; the error names the invalid field.
     pub fn build(&self) -> Result<Strip, ConfigError> {
         self.check_ranges()?;
         let length = self.length_m;

@@ -144,7 +144,8 @@ impl Arc {
         value / rate
     }
 
-    /// Newton's method between bounds that close in. Without bounds it may cycle if rigid ends are most of the frame.
+    /// Newton's method between bounds that close in. Without bounds the iteration may cycle if rigid ends are most of
+    /// the frame.
     #[cold]
     fn search(&self, start: f32, kappa: f32, limit: f32) -> f32 {
         let sign = 1.0f32.copysign(kappa);

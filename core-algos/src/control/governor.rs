@@ -119,7 +119,7 @@ impl Config {
 /// Limits and gains of one step, for a fixed interval between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Gains {
-    /// The interval, s, half of it, and its inverse, 1/s.
+    /// Interval between two steps, s. Below: half the interval, s, and the inverse of the interval, 1/s.
     dt: f32,
     half_dt: f32,
     per_dt: f32,

@@ -263,7 +263,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks the gains.
+    /// Builds the validated law; the error names the invalid field.
     pub fn build(self) -> Result<Law, ConfigError> {
         self.check_ranges()?;
         Ok(Law {
@@ -472,7 +472,7 @@ declare! {
 }
 
 impl LimitsConfig {
-    /// Checks the bounds.
+    /// Builds the validated bounds; the error names the invalid field.
     pub fn build(self) -> Result<Limits, ConfigError> {
         self.check_ranges()?;
         Ok(Limits {

@@ -8,9 +8,10 @@
 //!
 //! There are three places for the window: around the top, in the middle of both OFF; just after zero, in the middle of
 //! both ON; and half-way up, between the edges of one motor that is nearly off and one that is nearly full. A
-//! common-mode step disturbs the amplifier for up to 10 µs, so of the first two places the one with the longer time
-//! since the latest edge is used. In the middle of ON or OFF a reading is the mean of the ripple. Half-way up the error
-//! is about a third of the ripple of a small duty, so this place is used only if the others are too close to an edge.
+//! common-mode step disturbs the amplifier for up to 10 µs. Of the first two places the window therefore takes the place
+//! with the longer time since the latest edge. In the middle of ON or OFF a reading is the mean of the ripple. Half-way
+//! up the error is about a third of the ripple of a small duty, so this place is used only if the other places are too
+//! close to an edge.
 //!
 //! # Panic contract
 //!
@@ -287,8 +288,8 @@ mod tests {
         Some(clearance)
     }
 
-    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better one of
-    /// the top and zero, or half-way if neither is clean for the settling time.
+    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better of the
+    /// places at the top and after zero, or half-way if neither is clean for the settling time.
     #[test]
     fn chosen_place_is_the_best_by_the_edges_of_the_outputs() {
         let mut random = crate::fusion::testing::Random::new(3);
@@ -320,7 +321,7 @@ mod tests {
                 let place = sampling.compare([a, b]);
                 let [at_off, at_on, at_between] =
                     [off, on, between].map(|at| lowest_first(at, [a, b]));
-                // A pulse that ends before the place after zero counts as too short for it.
+                // A pulse that ends before the place after zero counts as too short for this place.
                 let early = [a, b].iter().any(|motor| (1..on).contains(motor));
                 let at_on = if early { 0 } else { at_on };
                 let settling = i32::from(timing.settling);

@@ -300,7 +300,7 @@ fn robot_pushed_off_its_goal_returns() {
     let mut robot = Robot::at(Posture::new(-0.6, 0.05, 0.0));
     let mut state = State::default();
     assert!(run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 6000).done);
-    // A small push is within the hysteresis; a larger one is not.
+    // A small push is within the hysteresis; a larger push is not.
     robot.q[1] += 0.012;
     let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
     assert!(output.done);
