@@ -214,7 +214,7 @@ declare! {
         /// Zero error of each gauge, independent of the others.
         pub offset_strain: f32 = 20e-6, "strain": Range(0.0, 1e-2);
         /// Random walk of the zero of each gauge, independent of the others. It begins at the start of the node, and
-        /// enters the elastica fit only.
+        /// enters the elastica fit and the joint filter only.
         pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, "strain/√s": Range(0.0, 1e-4);
         /// Zero error that all gauges share (temperature, a zeroing posture not quite straight). The error acts like
         /// a bend: 1 µε is about 0.7 mrad on the default strip.

@@ -363,7 +363,8 @@ impl Regulator {
         self.stand(state)
     }
 
-    /// At rest before step `index` of the plan: steers for the step, or plans anew if the approach cannot begin.
+    /// Before step `index` of the plan, at or near rest: steers for the step, or plans anew if the approach cannot
+    /// begin.
     fn proceed(&self, state: &mut State, input: &Input, index: u8) {
         let is_segment = state.plan.segment(usize::from(index)).is_some();
         let directed = self.error(input).in_direction(state.plan.approach);

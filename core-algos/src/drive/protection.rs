@@ -34,11 +34,11 @@ pub struct Motor {
 pub struct Sample {
     /// Left and right motor.
     pub motors: [Motor; 2],
-    /// Supply, V.
+    /// Supply voltage, V.
     pub supply_v: f32,
     /// True if the emergency stop is active.
     pub stopped: bool,
-    /// True if the drivers are meant to be awake.
+    /// True if the drivers are meant to be awake; supply and emergency stop are checked only then.
     pub awake: bool,
     /// True if the wake-up time of the drivers is over; before, they report a fault.
     pub ready: bool,

@@ -8,7 +8,7 @@
 //!
 //! There are three places for the window: around the top, in the middle of both OFF; just after zero, in the middle of
 //! both ON; and half-way up, between the edges of one motor that is nearly off and one that is nearly full. A
-//! common-mode step disturbs the amplifier for up to 10 µs. Of the first two places the window therefore takes the place
+//! common-mode step disturbs the amplifier for up to 10 µs. Of the first two places the window therefore takes the one
 //! with the longer time since the latest edge. In the middle of ON or OFF a reading is the mean of the ripple. Half-way
 //! up the error is about a third of the ripple of a small duty, so this place is used only if the other places are too
 //! close to an edge.

@@ -14,7 +14,7 @@ pub enum Phase {
     Stop,
     /// At rest, searching for a plan.
     Plan,
-    /// At rest, steering to the next curvature.
+    /// At or near rest, steering to the next curvature.
     Steer,
     /// Driving a segment of the plan.
     Segment,
