@@ -40,7 +40,8 @@ const REFINEMENTS: u8 = 2;
 const PULLED: f32 = 2.0;
 /// Residual below which readings may be far more accurate than stated.
 const NEARLY_EXACT: f32 = 0.1;
-/// Negligible decrease of the residual: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
+/// Decrease of the residual below which the prior's pull is negligible: 0.15 mm at the default uncertainty, a tenth of
+/// a standard deviation.
 const NEGLIGIBLE: f32 = 0.08;
 /// Axial load, in prior scales, above which the fit is compared with a fit from zero axial load.
 const LARGE_LOAD: f32 = 3.0;

@@ -258,7 +258,8 @@ pub struct State {
     good: GaugeMask,
     /// Measured variance of the noise of each gauge's strain, strain².
     noise: [f32; MAX_GAUGES],
-    /// Unfinished fit of the last estimate, and start of the next fit.
+    /// Fit that continues with the next samples; `None` if every fit is finished. `start` is the start of the next
+    /// estimate's fit; `None` for the polynomial's shape.
     work: Option<Work>,
     start: Option<Start>,
 }
@@ -451,7 +452,7 @@ impl RelativePositionSensor {
         for i in 0..MAX_GAUGES {
             let period = &state.periods[i];
             if period.saturated > 0 {
-                // The average of the other samples would be biased.
+                // Without the saturated samples the average would be biased.
                 verdicts[i] = Fault::Saturated;
             } else if period.good == 0 || period.missing > period.good {
                 verdicts[i] = Fault::Missing;

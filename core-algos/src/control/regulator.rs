@@ -67,7 +67,7 @@ pub struct Tolerance {
 }
 
 impl Default for Tolerance {
-    /// 10 cm and 5°.
+    /// Tolerance of 10 cm and 5°.
     fn default() -> Self {
         Self {
             position_m: 0.1,
