@@ -468,8 +468,8 @@ mod tests {
         }
     }
 
-    /// The least `min_samples` that `build` allows is enough for an average. A lower limit leaves too few samples in the
-    /// early half.
+    /// The least `min_samples` that `build` allows is enough for an average. A lower limit leaves too few samples in
+    /// the early half.
     #[test]
     fn four_samples_are_enough_and_fewer_are_rejected() {
         for (min_samples, enough) in [(4, true), (3, false), (2, false), (0, false)] {
