@@ -7,11 +7,11 @@
 /// Time in microseconds.
 pub type Micros = u64;
 
-/// Length of an axle or beam tick.
+/// Period of axle and beam ticks, µs.
 pub const TICK: Micros = 1_000;
 /// [`TICK`] in seconds.
 pub const TICK_S: f32 = 1e-3;
-/// Length of an epoch: the period of reports, fusion and references.
+/// Length of an epoch, µs: the period of reports, fusion and references.
 pub const EPOCH: Micros = 10_000;
 /// [`EPOCH`] in seconds.
 pub const EPOCH_S: f32 = 0.01;
@@ -20,7 +20,7 @@ pub fn share_of_epoch(ticks: u8) -> f32 {
     (f32::from(ticks) / (EPOCH / TICK) as f32).min(1.0)
 }
 
-/// Delay of the lead node's step after the beginning of an epoch.
+/// Delay of the lead node's step after the beginning of an epoch, µs.
 pub const LEAD_PHASE: Micros = 3_000;
 
 /// A value with its time stamp.
@@ -28,7 +28,7 @@ pub const LEAD_PHASE: Micros = 3_000;
 pub struct Stamped<T> {
     /// The value.
     pub value: T,
-    /// Time at which the value was valid.
+    /// Time at which the value was valid, µs.
     pub time: Micros,
 }
 
@@ -38,12 +38,12 @@ impl<T> Stamped<T> {
         Self { value, time }
     }
 
-    /// Age of the value at `now`; zero if the time stamp is later than `now`.
+    /// Age of the value at `now`, µs; zero if the time stamp is later than `now`.
     pub const fn age(&self, now: Micros) -> Micros {
         now.saturating_sub(self.time)
     }
 
-    /// The value if its age is at most `limit`.
+    /// The value; `None` if its age at `now` exceeds `limit`, µs.
     pub fn fresh(&self, now: Micros, limit: Micros) -> Option<&T> {
         (self.age(now) <= limit).then_some(&self.value)
     }

@@ -48,7 +48,7 @@ impl FrameId {
 pub enum Side {
     /// Left, seen along the heading.
     Left,
-    /// Right.
+    /// Right, seen along the heading.
     Right,
 }
 
@@ -61,14 +61,14 @@ impl Side {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wheels<T> {
-    /// Of the left wheel.
+    /// Value of the left wheel.
     pub left: T,
-    /// Of the right wheel.
+    /// Value of the right wheel.
     pub right: T,
 }
 
 impl<T> Wheels<T> {
-    /// The same for both wheels.
+    /// `value` for both wheels.
     pub const fn both(value: T) -> Self
     where
         T: Copy,
@@ -87,7 +87,7 @@ impl<T> Wheels<T> {
         }
     }
 
-    /// Left, then right.
+    /// Values of the left and the right wheel.
     pub fn list(self) -> [T; 2] {
         [self.left, self.right]
     }
@@ -114,7 +114,7 @@ impl<T> IndexMut<Side> for Wheels<T> {
 }
 
 impl<T> From<[T; 2]> for Wheels<T> {
-    /// From left and right.
+    /// Takes the values of the left and the right wheel.
     fn from([left, right]: [T; 2]) -> Self {
         Self { left, right }
     }
@@ -324,7 +324,7 @@ impl Topology {
 mod tests {
     use super::*;
 
-    /// Lists the boards of three axles by hand.
+    /// Names for three axles are listed by hand; the places are checked for every number of axles.
     #[test]
     fn boards_and_nodes_of_three_axles_have_their_places_and_names() {
         let robot = Topology::new(3).unwrap();
@@ -362,7 +362,7 @@ mod tests {
         }
     }
 
-    /// The numbers of version 0.1: front 0, rear 1, beam 2.
+    /// Numbers of boards in links: front 0, rear 1, beam 2.
     #[cfg(feature = "link")]
     #[test]
     fn boards_of_two_axles_keep_their_numbers_in_links() {

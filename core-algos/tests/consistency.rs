@@ -2,7 +2,7 @@
 //! the filters are configured for, the mean normalised estimation error squared (NEES) must match its distribution.
 //!
 //! The truth is kinematic, in `f64`. Both axles follow the cascade, so that the frame keeps its length while it bends
-//! to and fro, and slip. The axle filters measure wheels and gyros with white noise. The second tier fuses their
+//! to and fro; the tyres slip. The axle filters measure wheels and gyros with white noise. The second tier fuses their
 //! reports of each epoch with a noisy beam. The reports do not depend on the fusion: each world is driven once, and
 //! every fusion mode runs on its reports.
 
@@ -107,7 +107,7 @@ impl Setting {
     }
 }
 
-/// The lasting errors of one robot, front axle first.
+/// The lasting errors of one robot: `zero` and `gain` of the beam, each as bend and tilt; the others front axle first.
 struct Lasting {
     zero: [f64; 2],
     gain: [f64; 2],
@@ -504,8 +504,8 @@ fn fused_nees(correlation: f64, fuse: &dyn Fn(&Estimate, &Estimate) -> Estimate)
     sum / PAIRS as f64
 }
 
-/// Covariance intersection lies below the band unless errors are fully shared. Its covariance is exact for fully
-/// shared errors, so a smaller one would be overconfident there.
+/// The NEES of covariance intersection lies below the band unless the errors are fully shared. For fully shared errors
+/// the covariance is exact, so a smaller covariance is overconfident.
 #[test]
 fn intersection_with_a_smaller_covariance_is_overconfident_for_shared_errors() {
     let intersection = intersection::Config::default().build().unwrap();

@@ -30,7 +30,7 @@ const SHAPES: usize = 500;
 /// Steps of the integration between two points of interest.
 const STEPS: usize = 60;
 
-/// All gauges.
+/// All five gauges.
 const ALL: GaugeMask = GaugeMask(0b11111);
 
 /// A bent strip.

@@ -3,7 +3,7 @@
 //!
 //! # Rate and filters
 //!
-//! Sensor and board have separate clocks. At equal rates the board would at times read a sample twice or miss one.
+//! Sensor and board have separate clocks. At equal rates the board would at times read a sample twice or miss a sample.
 //! The sensor therefore runs at 8 kHz, and the board reads the latest sample each millisecond: always a new sample, 0
 //! to 125 µs old. Two second-order low-pass filters in the sensor prevent aliasing: anti-alias filter 536 Hz, UI
 //! filter 400 Hz. Their delays add to 1.0 ms (√2/2πf each: 0.42 and 0.56 ms), and to 1.0 to 1.1 ms with the age of
@@ -57,7 +57,7 @@ const ACCEL_CONFIG_STATIC4: u8 = 0x05;
 const IDENTITY: u8 = 0x47;
 /// Interrupt status: a reset was done.
 const RESET_DONE: u8 = 1 << 4;
-/// ±250 °/s and ±2 g, 8 kHz.
+/// Bits of range and rate, for both sensors: ±250 °/s or ±2 g, 8 kHz.
 const RANGE_AND_RATE: u8 = 3 << 5 | 3;
 /// Bandwidth of both UI filters: a twentieth of the rate, 400 Hz.
 const UI_BANDWIDTH: u8 = 6 << 4 | 6;
@@ -178,7 +178,7 @@ enum Phase {
 
 const BEGIN: Phase = Phase::SetUp { wait: 0, next: 0 };
 
-/// The sensor's driver.
+/// Driver of one sensor: set-up, checks and readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Icm42688 {
     gyro: Channel,
@@ -192,7 +192,7 @@ pub struct Icm42688 {
 }
 
 impl Icm42688 {
-    /// Driver of a sensor before its set-up. Gains: true value of a count over the data sheet's.
+    /// Driver of a sensor before its set-up. A gain is the true value of a count divided by the data sheet's value.
     pub fn new(gyro_gain: f32, accelerometer_gain: f32) -> Result<Self, ConfigError> {
         Ok(Self {
             gyro: scaled(Config::GYRO, gyro_gain)?,

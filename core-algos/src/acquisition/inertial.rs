@@ -84,7 +84,7 @@ struct State {
     refused: Option<Refused>,
 }
 
-/// Channel of an inertial sensor.
+/// Channel of an inertial sensor: one axis of gyroscope or accelerometer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
     unit: f32,

@@ -1,8 +1,8 @@
 //! From bridge counts to strain; estimation of zero and gain.
 //!
-//! The converter is ratiometric (bridge and converter share their supply), so a count is a fixed share of the
-//! bridge's ratio and supply drift cancels. Zeroing is essential: a zero error of 1 µε on all gauges is 0.7 mrad of
-//! bend on the default strip.
+//! The converter is ratiometric (bridge and converter share their supply), so a count is proportional to the bridge's
+//! ratio of output to supply voltage, and supply drift cancels. Zeroing is essential: a zero error of 1 µε on all
+//! gauges is 0.7 mrad of bend on the default strip.
 //!
 //! [`Config::build`] validates; [`Calibration::strain`] never fails. [`Standstill::average`] rejects a noisy,
 //! drifting or incomplete average with the reason.
@@ -36,7 +36,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks every field; `gauges` is the number of gauges on the strip.
+    /// Builds the validated calibration of a strip with `gauges` gauges; the error names the invalid field.
     pub fn build(&self, gauges: usize) -> Result<Calibration, ConfigError> {
         self.check_ranges()?;
         let full_scale = self.full_scale_counts;
@@ -100,7 +100,7 @@ impl Config {
 }
 
 impl PerGauge {
-    /// A list of the same length with other values.
+    /// List with the first values of `values`, as many as `self` has.
     fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
         values
             .get(..self.count())
@@ -109,7 +109,7 @@ impl PerGauge {
     }
 }
 
-/// Meaning of a single count.
+/// Class of a single count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conversion {
     /// A count inside the converter's range.
@@ -174,7 +174,7 @@ declare! {
 }
 
 impl StandstillLimits {
-    /// Checks every field.
+    /// These limits, validated; the error names the invalid field.
     pub fn build(&self) -> Result<Self, ConfigError> {
         self.check_ranges()?;
         Ok(*self)
@@ -268,7 +268,7 @@ impl Standstill {
             }
             let [early, late] = &self.halves[i];
             let count = early.count.saturating_add(late.count);
-            // The late half has at least as many samples.
+            // With `min_samples` in total, `late` has at least as many samples as `early`.
             if count < limits.min_samples || early.count < 2 {
                 return Err(StandstillError::TooFewSamples(gauge));
             }
@@ -373,7 +373,7 @@ mod tests {
         for strain in &calibrated.strain(&reading)[..5] {
             assert!((strain + 2e-3).abs() < 4e-6, "{strain}");
         }
-        // A gain from a straight strip is impossible and rejected by name.
+        // A gain from a straight strip is out of range, and `build` names the field.
         let straight = collect(&limits, 600, |_, _| 2048.0)
             .average(&calibration(), &limits, FIVE)
             .unwrap();
@@ -418,7 +418,7 @@ mod tests {
         let (quiet, noisy) = ([0, 0, 0, 2], [0, 0, 0, 4]);
         let moved = [3, 3, 3, 5];
         for (halves, noise, drift, expected) in [
-            // Variances are 1 and 4, means 0.5, 1 and 3.5.
+            // Means of `quiet`, `noisy` and `moved`: 0.5, 1 and 3.5. Variances: 1, 4 and 1.
             ([quiet, quiet], unit, unit, Ok(0.5)),
             (
                 [quiet, quiet],
@@ -468,7 +468,8 @@ mod tests {
         }
     }
 
-    /// The fewest samples that `build` allows are enough; with fewer there is no early half.
+    /// The least `min_samples` that `build` allows is enough for an average. A lower limit leaves too few samples in
+    /// the early half.
     #[test]
     fn four_samples_are_enough_and_fewer_are_rejected() {
         for (min_samples, enough) in [(4, true), (3, false), (2, false), (0, false)] {
@@ -486,7 +487,7 @@ mod tests {
         }
     }
 
-    /// Sums are relative to the first count.
+    /// The bad sample may be the first sample, to which the sums are relative.
     #[test]
     fn bad_sample_rejects_the_average_of_its_gauge_only() {
         let limits = StandstillLimits::default();

@@ -27,28 +27,29 @@ pub use start::Start;
 pub use wrench::Wrench;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
-/// Predicted decrease of the cost, in squared standard deviations of the parameters, that ends the iteration. The
-/// error after this step is smaller by its square.
+/// Predicted decrease of the cost, in squared standard deviations of the parameters, below which a step is the last:
+/// this step is shorter than a tenth of a standard deviation.
 const CONVERGED: f32 = 1e-2;
 /// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
 /// Weight of the prior once the strains determine the load.
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
-/// Most Gauss–Newton steps with this weight.
+/// Most Gauss–Newton steps with [`REFINED_TAIL`].
 const REFINEMENTS: u8 = 2;
 /// Residual below which the prior may be the cause of the residual.
 const PULLED: f32 = 2.0;
 /// Residual below which readings may be far more accurate than stated.
 const NEARLY_EXACT: f32 = 0.1;
-/// Negligible decrease of the residual: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
+/// Decrease of the residual below which the prior's pull is negligible: 0.15 mm at the default uncertainty, a tenth of
+/// a standard deviation.
 const NEGLIGIBLE: f32 = 0.08;
 /// Axial load, in prior scales, above which the fit is compared with a fit from zero axial load.
 const LARGE_LOAD: f32 = 3.0;
-/// Cost of the other starts, in shapes.
+/// Cost of computing the starts of [`Solver::waves`], in shapes.
 const STARTS_EFFORT: u8 = 2;
 /// Cost of [`Solver::finish`], in shapes.
 pub const FINISH_EFFORT: u8 = REFINEMENTS;
-/// Largest |F| L²/EI of a fit: sixteen times the load of the second buckling mode.
+/// Largest |F_x| L²/EI and |F_y| L²/EI of a fit: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;
 
 /// A fit in progress: the lowest minimum so far, and the starts still to try.
@@ -57,12 +58,12 @@ pub struct Search {
     mask: GaugeMask,
     readings: Readings,
     best: Option<Minimum>,
-    /// Other starts, once computed, and the number of starts tried.
+    /// Starts of [`Solver::waves`], and the number of starts tried; `None` until they are computed.
     starts: Option<[Parameters; 3]>,
     tried: u8,
-    /// Descent in progress from one of the other starts.
+    /// Descent in progress from one of `starts`.
     descent: Option<Descent>,
-    /// True if the descent from the polynomial's shape did not give the lowest minimum.
+    /// True if the lowest minimum came from an earlier fit's result or from one of `starts`.
     elsewhere: bool,
     open: bool,
     evaluations: u8,
@@ -79,7 +80,7 @@ impl Search {
         self.best.as_ref().is_some_and(|best| best.converged)
     }
 
-    /// Start of the next fit, if it is not the polynomial's shape.
+    /// Start of the next fit; `None` if the next fit should start from the polynomial's shape.
     pub fn start(&self) -> Option<Start> {
         let best = self.best.as_ref().filter(|_| self.elsewhere)?;
         Some(Start(best.parameters))
@@ -113,9 +114,9 @@ struct Readings {
 /// Normal equations at a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Normal {
-    /// Jᵀ W J + prior.
+    /// Jᵀ W J + prior: half the Hessian of the cost, approximately.
     hessian: Mat3,
-    /// Negative gradient of the cost.
+    /// Half the negative gradient of the cost.
     descent: [f32; 3],
     /// Contribution of the prior to `hessian`, for each force.
     prior: f32,
@@ -123,7 +124,7 @@ struct Normal {
     cost: f32,
 }
 
-/// A strip prepared for fitting.
+/// A strip with the integration legs for fits of its gauges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solver {
     strip: Strip,
@@ -135,7 +136,7 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// Prepares `strip`.
+    /// Solver for `strip`; computes the integration legs.
     pub fn new(strip: Strip) -> Self {
         let mut legs = [Leg::default(); MAX_GAUGES];
         let mut tip_u = 0.0;
@@ -156,7 +157,7 @@ impl Solver {
         }
     }
 
-    /// The strip.
+    /// Strip whose readings are fitted.
     pub fn strip(&self) -> &Strip {
         &self.strip
     }
@@ -320,10 +321,10 @@ impl Solver {
     /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; also from waves of small-deflection
     /// theory if the residual is large. Readings are weighted by their inverse variance
     /// ([`super::strip::Uncertainty`]). A weak heavy-tailed prior bounds forces that the strains do not determine.
-    /// The prior is removed if the readings determine the load at their stated variance. The prior is also removed if
-    /// the residual of four or more readings shows that the readings are far more accurate than stated. With two
-    /// gauges the prior determines the rest, and the covariance includes it. `None` if fewer than two readings are
-    /// usable or no finite shape was found.
+    /// The weight of the prior falls to a thousandth if the readings determine the load at their stated variance, if
+    /// the best shape of four or more readings has a large load, or if their residual shows that they are far more
+    /// accurate than stated. With two gauges the prior determines the third parameter, and the covariance includes
+    /// the prior. `None` if fewer than two readings are usable or no finite shape was found.
     ///
     /// Four or more readings determine the shape uniquely among all shapes that a robot can take. Three readings may
     /// fit several shapes near the buckling load; the fit returns the least loaded. Cost: about 8 000 instructions a
@@ -413,8 +414,8 @@ impl Solver {
         })
     }
 
-    /// Continues the search by at most `effort` shapes, `budget` in total. The computation of the other starts counts
-    /// as two shapes. Returns the remaining effort.
+    /// Continues the search by at most `effort` shapes, `budget` in total. The computation of the starts
+    /// from small-deflection theory counts as two shapes. Returns the remaining effort.
     pub fn go_on(&self, search: &mut Search, budget: u8, mut effort: u8) -> u8 {
         search.readings.budget = before_refinement(budget);
         let readings = &search.readings;
@@ -461,7 +462,7 @@ impl Solver {
         let mut best = search.best?;
         let mut readings = search.readings;
         let mut evaluations = search.evaluations;
-        // If the strains determine the load, or a large load has won, the prior would only bias the fit.
+        // If the strains determine the load, or the best minimum has a large load, the prior would only bias the fit.
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
@@ -471,7 +472,7 @@ impl Solver {
             ..readings
         };
         if known || self.may_be_exact(&best, &weak) {
-            // The budget bounds the time of the tick. After a search that has used up its budget, one step is left.
+            // The budget bounds the time of the tick. A search that has used up its budget leaves time for one step.
             let spent = evaluations >= readings.budget;
             for _ in 0..if spent { 1 } else { REFINEMENTS } {
                 let (refined, settled) = self.refined(best, &weak, &mut evaluations);
@@ -521,7 +522,7 @@ impl Solver {
         LARGE_LOAD * self.strip.uncertainty.load_prior
     }
 
-    /// One Gauss–Newton step from a minimum to that of other readings. True if the step was small or failed.
+    /// One Gauss–Newton step from a minimum towards the minimum for `readings`. True if the step was small or failed.
     fn refined(&self, from: Minimum, readings: &Readings, evaluations: &mut u8) -> (Minimum, bool) {
         let normal = self.normal(&from.shape, from.parameters, readings);
         let Some(factor) = cholesky(&normal.hessian) else {

@@ -63,7 +63,7 @@ declare! {
         /// True if the residual of the fit is monitored. Costs one fit a period when the method is not the elastica.
         pub watch_consistency: bool = true;
         /// Weighted sum of squared residuals above which the readings are inconsistent. With the stated uncertainties
-        /// a healthy strip exceeds 30 with probability 1e-5 or less.
+        /// a healthy strip exceeds 30 with probability 2e-6 or less with five gauges, 4e-5 or less with eight.
         pub max_chi_square: f32 = 30.0, "": Range(5.0, 1e6);
         /// Rounds of the search in a row against one gauge that make the gauge inconsistent.
         pub verdicts: u8 = 2, "": Range(1.0, 255.0);
@@ -71,7 +71,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks every field.
+    /// Builds the validated monitor; the error names the invalid field.
     pub fn build(&self) -> Result<Monitor, ConfigError> {
         self.check_ranges()?;
         require(

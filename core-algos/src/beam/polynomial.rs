@@ -3,7 +3,7 @@
 //! - [`piecewise`]: segment by segment, as the paper does it (eq. 14, 15);
 //! - [`quadrature`]: the same polynomial integrated to rounding error at a fraction of the cost.
 //!
-//! Both use a [`Quadrature`] with its [`Interpolant`], which are valid by construction; neither fails.
+//! Both use a [`Quadrature`] with its [`Interpolant`], which are valid by construction. Neither method fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES, MIN_GAUGES, RelativePosture, Strip};
 use crate::math::Posture;
@@ -180,7 +180,7 @@ impl Quadrature {
         }
     }
 
-    /// The interpolant.
+    /// Interpolant that this quadrature integrates.
     pub fn interpolant(&self) -> &Interpolant {
         &self.interpolant
     }

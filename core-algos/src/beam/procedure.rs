@@ -30,7 +30,7 @@ pub enum Event {
     },
 }
 
-/// Calibration procedure.
+/// Calibration procedure of the beam board, idle until a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Procedure {
     limits: StandstillLimits,
@@ -57,7 +57,7 @@ impl Procedure {
         }
     }
 
-    /// Begins a calibration; a running one is aborted.
+    /// Begins a calibration; a running calibration is aborted.
     pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
         self.running = Some(Running {
             sequence,
@@ -223,7 +223,7 @@ mod tests {
                 |k| 0.1 * (k % 2) as f64,
                 CalibrationResult::Noisy,
             ),
-            // Straight strip, requested as bent: gains out of range.
+            // The request says bent, the strip is straight: gains out of range.
             (
                 Calibrate::Gain(1.5),
                 true,

@@ -65,7 +65,7 @@ impl PerGauge {
         self.values
     }
 
-    /// The values.
+    /// Values from root to tip.
     pub fn iter(&self) -> impl Iterator<Item = f32> + '_ {
         self.values.iter().copied().take(self.count)
     }
@@ -214,7 +214,7 @@ declare! {
         /// Zero error of each gauge, independent of the others.
         pub offset_strain: f32 = 20e-6, "strain": Range(0.0, 1e-2);
         /// Random walk of the zero of each gauge, independent of the others. It begins at the start of the node, and
-        /// enters the elastica fit only.
+        /// enters the elastica fit and the joint filter only.
         pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, "strain/√s": Range(0.0, 1e-4);
         /// Zero error that all gauges share (temperature, a zeroing posture not quite straight). The error acts like
         /// a bend: 1 µε is about 0.7 mrad on the default strip.
@@ -336,7 +336,7 @@ impl Config {
         }
     }
 
-    /// Checks every field.
+    /// Builds the validated strip; the error names the invalid field.
     pub fn build(&self) -> Result<Strip, ConfigError> {
         self.check_ranges()?;
         let length = self.length_m;
@@ -402,7 +402,7 @@ pub struct Strip {
     pub(super) rigid_tip: f32,
     /// Bending stiffness, N m².
     pub(super) stiffness: f32,
-    /// Standard deviations of the readings.
+    /// Standard deviations of the errors of the readings.
     pub(super) uncertainty: Uncertainty,
     /// Variance of the noise of a gauge's curvature, 1/m².
     pub(super) noise_variance: f32,
@@ -463,8 +463,8 @@ impl Strip {
         covariance
     }
 
-    /// Adds `excess`, the noise variance of the readings above the configured one (strain²), to the covariances of a
-    /// posture.
+    /// Adds `excess` (strain²) to the covariances of a posture: the noise variance of the readings less the configured
+    /// variance.
     pub(super) fn with_excess_noise(
         &self,
         mut relative: RelativePosture,

@@ -1,4 +1,4 @@
-//! The frame bent to a circular arc: its chord, and the curvature of the path it is steered along.
+//! The frame bent to a circular arc: chord of the arc, and curvature of the path that the robot drives.
 //!
 //! L is the flexible length, a the rigid section at each end and ψ the steering angle. Half the chord between the
 //! axles is `h(ψ) = L/2 sin ψ/ψ + a cos ψ`, and the path of the midpoint has the curvature `κ = tan ψ/h(ψ)`.
@@ -17,7 +17,7 @@ const SETTLED: f32 = 2e-4;
 /// Power series of tan ψ/ψ in ψ², after the leading 1.
 const TANGENT: [f32; 4] = [1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0];
 
-/// Dimensions of the frame, ready to compute with.
+/// Dimensions of the frame, and coefficients of the start value of a steering angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Arc {
     /// L/2, m.
@@ -144,7 +144,8 @@ impl Arc {
         value / rate
     }
 
-    /// Newton's method between bounds that close in. Without bounds it may cycle if rigid ends are most of the frame.
+    /// Newton's method between bounds that close in. Without bounds the iteration may cycle if rigid ends are most of
+    /// the frame.
     #[cold]
     fn search(&self, start: f32, kappa: f32, limit: f32) -> f32 {
         let sign = 1.0f32.copysign(kappa);
@@ -209,7 +210,7 @@ mod tests {
     }
 
     properties! {
-        /// For any rigid share of the frame, and steering angles up to 1.5 rad.
+        /// The frame has any rigid share, the steering angle is up to 1.5 rad.
         #[test]
         fn steering_inverts_the_curvature_of_any_frame(
             length in 0.01f32..1.0, end in 0.0f32..1.0, psi in 1e-4f32..1.5,
@@ -221,7 +222,7 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let found = arc.steering(sign * kappa, 1.5);
                 prop_assert!((sign * found.0 - psi).abs() < tolerance, "{found:?} {psi}");
-                // From any start; Newton's method alone may end at another root.
+                // The search finds the root from any start. Newton's method alone may end at another root.
                 for begin in [0.0, 0.3, 0.8, 1.5] {
                     let found = arc.search(sign * begin, sign * kappa, 1.5);
                     prop_assert!((sign * found - psi).abs() < tolerance, "{begin}: {found} {psi}");
@@ -229,7 +230,7 @@ mod tests {
             }
         }
 
-        /// Derivatives by central differences in `f64`.
+        /// Reference: central differences in `f64`.
         #[test]
         fn derivatives_are_those_of_the_chord_and_the_curvature(
             end in 0.0f32..0.2, psi in -1.2f32..1.2,
@@ -275,7 +276,7 @@ mod tests {
         assert_eq!(cos_and_sinc_slope(0.0).0, 1.0);
     }
 
-    /// The start alone is good enough for one step of Newton's method at all angles in use.
+    /// Up to 0.5 rad, the default limit, one step of Newton's method from the start is enough.
     #[test]
     fn start_needs_one_step_up_to_half_a_radian() {
         for end in [0.0f32, 0.02, 0.1] {

@@ -104,11 +104,11 @@ pub struct AxleReference {
 /// Steering angle with its first two derivatives in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SteeringMotion {
-    /// ψ.
+    /// Steering angle ψ, rad.
     pub psi: Steering,
-    /// ψ̇, rad/s.
+    /// Steering rate ψ̇, rad/s.
     pub rate: f32,
-    /// ψ̈, rad/s².
+    /// Steering acceleration ψ̈, rad/s².
     pub acceleration: f32,
 }
 

@@ -20,13 +20,13 @@ pub struct ControllerOutput {
     pub done: bool,
 }
 
-/// Kinematic controller of posture regulation.
+/// Kinematic controller that drives O to a goal posture.
 pub trait KinematicController: Sync {
     /// Motion for the next epoch of 10 ms.
     fn step(&self, memory: &mut Memory, input: &Input) -> ControllerOutput;
 }
 
-/// The user's own controller, if any.
+/// The user's own controller; `None` for the regulator.
 #[derive(Clone, Copy, Default)]
 pub struct CustomController(pub Option<&'static dyn KinematicController>);
 

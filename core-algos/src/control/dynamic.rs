@@ -187,7 +187,7 @@ pub struct Input {
 /// Wheel torques, with intermediate results.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Torques, N m; positive drives forward.
+    /// Wheel torques, N m; a positive torque drives forward.
     pub torque_nm: Wheels<f32>,
     /// Factor by which both torques were reduced: 1 within the limits.
     pub scale: f32,
@@ -205,17 +205,19 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Mean wheel torque per acceleration, velocity error and frame force.
+    /// Mean wheel torque per acceleration; in the next two fields per velocity error and per frame force.
     mass: f32,
     velocity_gain: f32,
     force_share: f32,
-    /// Half the difference of the torques per yaw acceleration, yaw rate error and frame moment.
+    /// Half the difference of the torques per yaw acceleration; in the next two fields per yaw rate error and per frame
+    /// moment.
     yaw_inertia: f32,
     yaw_rate_gain: f32,
     moment_share: f32,
     /// Share of ‖F_K‖² in ‖ξ‖².
     frame_in_xi: f32,
-    /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m).
+    /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m); `None` if the
+    /// torque limit holds at any speed.
     torque_line: Option<[f32; 2]>,
 }
 
@@ -258,7 +260,7 @@ impl Dynamic {
         if sum <= most { sum } else { most }
     }
 
-    /// Torque a wheel can give in the direction of `torque` at `speed` (m/s over ground), N m.
+    /// Largest torque of a wheel in the direction of `torque` at `speed` (m/s over ground), N m.
     fn available(&self, torque: f32, speed: f32) -> f32 {
         let limit = self.config.max_torque_nm;
         let Some([stall, per_speed]) = self.torque_line else {
@@ -290,7 +292,7 @@ impl Dynamic {
         };
         let xi_squared = self.xi_squared(velocity, input, &load);
 
-        // The gains include (SᵀE)⁻¹: mean of the torques, and half their difference.
+        // The gains include (SᵀE)⁻¹, so `ahead` is the mean of the torques, and `across` half their difference.
         let ahead = self.mass * reference.acceleration.v
             - self.velocity_gain * (input.twist.v - velocity.v) * xi_squared
             - self.force_share * load.forward;

@@ -16,7 +16,7 @@
 use super::kinematic::PolarError;
 use crate::math::trig::{atan2, sin, sinc, sqrt};
 
-/// Weight of |η| and gain p of the law the funnel belongs to.
+/// Weight w of |η| in the funnel, and gain p of the law that keeps the funnel.
 pub const ARRIVAL_WEIGHT: f32 = 3.0;
 /// Greatest |α| (+ |η| where αη < 0), rad.
 pub const MAX_BEARING_RAD: f32 = 2.4;
@@ -50,7 +50,7 @@ pub fn contains(error: PolarError, curvature: f32) -> bool {
 /// α = (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along
 /// the driving direction.
 fn arc_length(e: f32, alpha: f32, eta: f32) -> f32 {
-    // The form is positive definite; beyond 2.6 rad the estimate would grow without bound.
+    // The quadratic form is positive definite; beyond 2.6 rad the estimate would grow without bound.
     let a2 = alpha * alpha - 1.2 * alpha * eta + (18.0 / 35.0) * eta * eta;
     e / sinc(sqrt(a2.max(0.0)).min(2.6))
 }

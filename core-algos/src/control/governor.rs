@@ -13,7 +13,7 @@
 //!   speed waits for steering, which keeps the path. An input may allow a steering error without waiting. At a change
 //!   of direction, v rests at zero for a short time.
 //! - No wheel exceeds its speed limit. With steering ψ the fastest wheel (outer, either axle) runs at
-//!   `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is bounded by its value at ψ̇_max, so that the
+//!   `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last term is bounded by its value at ψ̇_max, so that the
 //!   speed limit depends on ψ alone. If v could not brake as fast as a bending frame lowers that limit, ψ̇_max is
 //!   reduced when the governor is built.
 //!
@@ -119,7 +119,7 @@ impl Config {
 /// Limits and gains of one step, for a fixed interval between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Gains {
-    /// The interval, s, half of it, and its inverse, 1/s.
+    /// Interval between two steps, s. Below: half the interval, s, and the inverse of the interval, 1/s.
     dt: f32,
     half_dt: f32,
     per_dt: f32,
@@ -167,7 +167,7 @@ pub struct GovernorInput {
     pub v: f32,
     /// Rate of `v` if known (on a trajectory), m/s², otherwise 0; removes the lag of the filter.
     pub v_rate: f32,
-    /// Steering angle.
+    /// Steering angle ψ, rad.
     pub psi: Steering,
     /// Rate of `psi` if known (from the path ahead), rad/s, otherwise 0; removes the lag of the filter.
     pub psi_rate: f32,
@@ -362,11 +362,11 @@ impl Governor {
         self.drive(state, -change.copysign(v), limit);
     }
 
-    /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps all three limits.
+    /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps the limits of ψ̈, ψ̇ and ψ.
     ///
     /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` in steps of T. The rate after the step is held
-    /// where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`; if that holds before the step, full braking fulfils it after the
-    /// step, so it always holds.
+    /// where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`. If the inequality holds before a step, full braking keeps it, so it
+    /// always holds.
     fn steer(&self, motion: &mut Motion, wanted: f32) {
         let gains = &self.gains;
         let limit = self.config.max_steering_rad;

@@ -141,7 +141,7 @@ impl PolarError {
 /// Polar error in the terms of eq. 4.
 #[derive(Clone, Copy, Debug)]
 struct PolarTerms {
-    /// e, m, and its inverse, 1/m, of at least [`MIN_DISTANCE_M`].
+    /// e, m. `inverse` is 1/e, 1/m, with an e of at least [`MIN_DISTANCE_M`].
     distance: f32,
     inverse: f32,
     sin_theta: f32,
@@ -233,9 +233,9 @@ struct Demand {
 pub struct Reference {
     /// Posture of the reference frame R.
     pub posture: Posture,
-    /// Velocity along its heading, m/s (v_r); 0 for posture regulation.
+    /// Velocity of R along its heading, m/s (v_r); 0 for posture regulation.
     pub v: f32,
-    /// Curvature of its path, 1/m (κ_r).
+    /// Curvature of R's path, 1/m (κ_r).
     pub kappa: f32,
 }
 
@@ -263,7 +263,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks the gains.
+    /// Builds the validated law; the error names the invalid field.
     pub fn build(self) -> Result<Law, ConfigError> {
         self.check_ranges()?;
         Ok(Law {
@@ -472,7 +472,7 @@ declare! {
 }
 
 impl LimitsConfig {
-    /// Checks the bounds.
+    /// Builds the validated bounds; the error names the invalid field.
     pub fn build(self) -> Result<Limits, ConfigError> {
         self.check_ranges()?;
         Ok(Limits {
@@ -485,7 +485,7 @@ impl LimitsConfig {
     }
 }
 
-/// Bounds of speed and curvature. The bound of speed keeps the path.
+/// Bounds of speed and curvature. A command that is slowed to the speed bound keeps its path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     max_speed: f32,

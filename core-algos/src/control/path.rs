@@ -203,7 +203,7 @@ pub struct PathReference {
     pub lateral_error_m: f32,
 }
 
-/// Path follower.
+/// Path follower: finds O on a path, and leads a reference along the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Follower {
     config: Config,
@@ -234,8 +234,8 @@ impl Follower {
             .governor_input(&center.into(), reference.reference, reference.kappa, rates)
     }
 
-    /// Progress of `center` (the posture of O) along the path. At first, the nearest point of the whole path; later,
-    /// the nearest point within the search window ahead of the last point.
+    /// Progress of `center` (the posture of O) along the path: at the first step the nearest point of the whole path,
+    /// later the nearest point within the search window ahead of the last point.
     fn progress<const N: usize>(
         &self,
         last: &Progress,
@@ -273,7 +273,7 @@ impl Follower {
         let reach = limit + delay;
         let reach = sqrt(reach * reach + 2.0 * a * distance.max(0.0));
         let speed = (reach - delay).max(0.0);
-        // v dv/ds of the speed above.
+        // Rate of `speed` along the path: v dv/ds.
         let rate = if distance > 0.0 {
             -a * speed / reach
         } else {
@@ -315,7 +315,7 @@ impl Follower {
             }
             before = Some((slope, length));
             let limit = limit.max(config.min_speed_m_s);
-            // A point that allows the speed so far does not reduce it.
+            // A point whose limit is at least the speed found so far does not reduce this speed.
             if !(limit >= speed.0) {
                 speed = lower(speed, self.braking(limit, a.s - s));
             }
@@ -323,7 +323,7 @@ impl Follower {
         speed
     }
 
-    /// One step: finds O on the path and gives the reference for it. `None` if there is no path
+    /// One step: finds O on the path and returns its reference. `None` if there is no path
     /// or the posture is not finite.
     pub fn step<const N: usize>(
         &self,
@@ -389,7 +389,7 @@ pub struct TrajectoryReference {
     pub finished: bool,
 }
 
-/// Trajectory tracker.
+/// Trajectory tracker: leads a reference along a trajectory by time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracker {
     steering: SteeringLaw,

@@ -50,7 +50,8 @@ declare! {
 }
 
 impl Config {
-    /// Checks the parameters; `max_curvature_per_m` is the bound of the robot (κ_max, 1/m).
+    /// Builds the validated planner; the error names the invalid field. `max_curvature_per_m` is the bound of the robot
+    /// (κ_max, 1/m).
     pub fn build(self, max_curvature_per_m: f32) -> Result<Planner, ConfigError> {
         self.check_ranges()?;
         positive("max_curvature_per_m", max_curvature_per_m)?;
@@ -121,7 +122,7 @@ impl Pose {
 /// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// One segment: motion, steps along it.
+    /// One segment: motion, grid steps along the segment.
     Single { motion: u8, steps: u16 },
     /// Two segments: steps along the first (all motions advance together), motion of the first, motion of the second,
     /// steps along the second.
@@ -240,7 +241,7 @@ impl Planner {
         if !relative.is_finite() {
             return search;
         }
-        // Already in the funnel: a plan without segments. A segment that shortens the path may still be found.
+        // A start in the funnel has a plan without segments; the search may find a segment that shortens the path.
         search.improve((None, None), self.evaluate(start, 0.0, None, None).1);
         let (motion, steps) = (0, 0);
         search.stage = Stage::Single { motion, steps };

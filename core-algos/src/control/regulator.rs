@@ -67,7 +67,7 @@ pub struct Tolerance {
 }
 
 impl Default for Tolerance {
-    /// 10 cm and 5°.
+    /// Tolerance of 10 cm and 5°.
     fn default() -> Self {
         Self {
             position_m: 0.1,
@@ -77,7 +77,7 @@ impl Default for Tolerance {
 }
 
 impl Tolerance {
-    /// True if both are positive numbers.
+    /// True if both tolerances are positive numbers.
     pub fn is_valid(&self) -> bool {
         self.position_m > 0.0
             && self.heading_rad > 0.0
@@ -101,7 +101,7 @@ impl Tolerance {
 pub struct Output {
     /// Velocity and curvature of O within the limits.
     pub command: Command,
-    /// Leading end, also at v = 0.
+    /// End of the robot that leads; valid also at v = 0.
     pub direction: Direction,
     /// Phase of the regulator.
     pub phase: Phase,
@@ -235,8 +235,8 @@ impl Regulator {
         }
     }
 
-    /// Steering error (rad) for a commanded curvature `kappa`: difference of curvature over its slope, which needs no
-    /// inverse of eq. 5.
+    /// Steering error (rad) for a commanded curvature `kappa`: difference of curvature divided by dκ/dψ, which needs
+    /// no inverse of eq. 5.
     fn steering_error(&self, kappa: f32, psi: Steering) -> f32 {
         let length = self.config.limits.frame_length_m;
         let (s, c) = sin_cos(psi.0);
@@ -254,8 +254,8 @@ impl Regulator {
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
     }
 
-    /// True if the approach may begin or continue from `error`: the funnel, with an allowance for errors of execution
-    /// and estimate. The commanded curvature stays within its limit.
+    /// True if the approach may begin or continue from `error`: inside the funnel, widened for errors of execution and
+    /// estimate. The commanded curvature stays within its limit.
     fn within_reach(&self, error: PolarError) -> bool {
         let slack = self.config.leave_slack_rad / error.distance_m.max(1e-3);
         let curvature = self.config.leave_factor * self.limits.max_curvature();
@@ -363,7 +363,8 @@ impl Regulator {
         self.stand(state)
     }
 
-    /// At rest before step `index` of the plan: steers for the step, or plans anew if the approach cannot begin.
+    /// Before step `index` of the plan, at or near rest: steers for the step, or plans anew if the approach cannot
+    /// begin.
     fn proceed(&self, state: &mut State, input: &Input, index: u8) {
         let is_segment = state.plan.segment(usize::from(index)).is_some();
         let directed = self.error(input).in_direction(state.plan.approach);
@@ -483,7 +484,7 @@ impl Regulator {
         self.output(state, v, command.kappa)
     }
 
-    /// Last part of the approach: the arc that ends in the goal posture.
+    /// End of the approach: drives the arc that ends in the goal posture.
     fn final_arc(&self, state: &mut State, input: &Input, curvature: f32) -> Output {
         let direction = state.plan.approach;
         let sign = direction.sign();
@@ -534,7 +535,7 @@ impl Regulator {
         self.stand(state)
     }
 
-    /// Equation 4 alone.
+    /// One step of [`Strategy::PaperLaw`].
     fn paper(&self, state: &mut State, input: &Input) -> Output {
         let rest = self.law.rest_distance();
         let led = input.goal.compose(Posture::new(rest, 0.0, 0.0));

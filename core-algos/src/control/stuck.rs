@@ -15,7 +15,7 @@ pub struct Stuck {
 }
 
 impl Stuck {
-    /// Nothing observed yet.
+    /// Counter before the first observation.
     pub const NEW: Self = Self {
         at: Posture::ORIGIN,
         time_s: 0.0,

@@ -13,7 +13,7 @@ pub struct Limits {
     pub current_a: f32,
     /// Largest speed of a wheel that stands still, rad/s.
     pub speed_rad_s: f32,
-    /// Successive PWM periods for which both must hold.
+    /// Successive PWM periods for which current and speed must be within their limits.
     pub periods: u16,
 }
 

@@ -4,7 +4,7 @@
 //!
 //! Sampled at its own period T the winding is `i⁺ = a i + b (u − e)`, `a = exp(−R T/L)`,
 //! `b = (1 − a)/R`, `e = k_e ω`. The controller `K (z − a)/(z − 1)` cancels the winding's pole, and
-//! `K = (1 − exp(−ω_b T))/b` puts the closed loop's at `exp(−ω_b T)`: a step of the reference is
+//! `K = (1 − exp(−ω_b T))/b` puts the closed loop's pole at `exp(−ω_b T)`: a step of the reference is
 //! followed as `1 − exp(−ω_b t)`. If the voltage takes effect one period later, as on a board, the response has no
 //! overshoot as long as `1 − exp(−ω_b T) ≤ 1/4`; `build` requires this.
 //!

@@ -10,11 +10,11 @@ use crate::safety::Condition;
 pub struct Limits {
     /// Largest current of a motor, A, and periods beyond it.
     pub current: (f32, u16),
-    /// Periods of a driver fault.
+    /// Periods of a driver fault after which the protection trips.
     pub fault_periods: u16,
     /// Lowest and highest supply voltage, V.
     pub supply_v: (f32, f32),
-    /// Periods of a supply voltage beyond its limits.
+    /// Periods of a supply voltage beyond its limits after which the protection trips.
     pub supply_periods: u16,
 }
 
@@ -32,13 +32,13 @@ pub struct Motor {
 /// Readings of one PWM period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// Left and right.
+    /// Left and right motor.
     pub motors: [Motor; 2],
-    /// Supply, V.
+    /// Supply voltage, V.
     pub supply_v: f32,
     /// True if the emergency stop is active.
     pub stopped: bool,
-    /// True if the drivers are meant to be awake.
+    /// True if the drivers are meant to be awake; supply and emergency stop are checked only then.
     pub awake: bool,
     /// True if the wake-up time of the drivers is over; before, they report a fault.
     pub ready: bool,
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(stopped, Some((1, Condition::EmergencyStop)));
     }
 
-    /// A fault line that is low in three samples of four is noise, as are alternating spikes of both drivers.
+    /// Interrupted conditions do not trip: a fault of either driver, overcurrent, low supply.
     #[test]
     fn interrupted_fault_does_not_trip() {
         let mut protection = Protection::new(LIMITS);

@@ -55,7 +55,7 @@ pub struct State {
     periods: u16,
     /// Current at the beginning of the window, A.
     first: f32,
-    /// Sums over the window.
+    /// Sum of the voltage over the window, V; below, the sums of current, A, and speed, rad/s.
     voltage: f32,
     current: f32,
     speed: f32,

@@ -4,13 +4,14 @@
 //! the counter passes a compare value on the way up. Both currents are converted in one *window*, one after the other.
 //! An edge of either motor within the window, or so shortly before it that driver and amplifier have not settled,
 //! spoils the readings. Edges on the way up are at the compare values of the motors, edges on the way down are their
-//! mirror.
+//! mirror images.
 //!
 //! There are three places for the window: around the top, in the middle of both OFF; just after zero, in the middle of
 //! both ON; and half-way up, between the edges of one motor that is nearly off and one that is nearly full. A
-//! common-mode step disturbs the amplifier for up to 10 µs, so of the first two places the one with the longer time
-//! since the latest edge is used. In the middle of ON or OFF a reading is the mean of the ripple. Half-way up the error
-//! is about a third of the ripple of a small duty, so this place is used only if the others are too close to an edge.
+//! common-mode step disturbs the amplifier for up to 10 µs. Of the first two places the window therefore takes the one
+//! with the longer time since the latest edge. In the middle of ON or OFF a reading is the mean of the ripple. Half-way
+//! up the error is about a third of the ripple of a small duty, so this place is used only if the other places are too
+//! close to an edge.
 //!
 //! # Panic contract
 //!
@@ -52,7 +53,7 @@ impl Timing {
         };
         let (on_from, between_from) = (on + window, between as u32 + window);
         // The worst pairs of duties: the longer pulse is just too long for the place around the top. The shorter pulse
-        // is just too short for the place after zero, or gives that place and the one half-way equal clearance.
+        // is just too short for the place after zero, or gives the places after zero and half-way equal clearance.
         let at_the_top = between_from <= off_up_to + 1;
         let after_zero = on_from + settling <= between as u32;
         let equal = on + between as u32 >= 2 * settling;
@@ -196,7 +197,7 @@ mod tests {
         }
     }
 
-    /// Compare values around each change of the place.
+    /// The compare values lie on both sides of each change of the place.
     #[test]
     fn window_is_clean_at_each_change_of_the_place() {
         let limits = [
@@ -215,13 +216,13 @@ mod tests {
     #[test]
     fn places_match_hand_calculation() {
         let sampling = TIMING.build().unwrap();
-        // Up to 45.8 % both: half a window before the top. Beyond that: after zero.
+        // Both duties up to 45.8 %: the window is centred on the top. Above: just after zero.
         assert_eq!(sampling.compare([0, 0]), 4200 - 272);
         assert_eq!(sampling.compare([1922, 1922]), 3928);
         assert_eq!(sampling.compare([1923, 1923]), 84);
         assert_eq!(sampling.compare([4200, 4200]), 84);
         assert_eq!(sampling.compare([0, 3000]), 84, "one motor has no edges");
-        // One nearly off, one nearly full.
+        // One motor is nearly off, the other nearly full: half-way up. From 847 counts on: just after zero.
         assert_eq!(sampling.compare([661, 4116]), 2100 - 272);
         assert_eq!(sampling.compare([846, 4116]), 2100 - 272);
         assert_eq!(sampling.compare([847, 4116]), 84);
@@ -287,8 +288,8 @@ mod tests {
         Some(clearance)
     }
 
-    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better one of
-    /// the top and zero, or half-way if neither is clean for the settling time.
+    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better of the
+    /// places at the top and after zero, or half-way if neither is clean for the settling time.
     #[test]
     fn chosen_place_is_the_best_by_the_edges_of_the_outputs() {
         let mut random = crate::fusion::testing::Random::new(3);
@@ -320,7 +321,7 @@ mod tests {
                 let place = sampling.compare([a, b]);
                 let [at_off, at_on, at_between] =
                     [off, on, between].map(|at| lowest_first(at, [a, b]));
-                // A pulse that ends before the place after zero counts as too short for it.
+                // A pulse that ends before the place after zero counts as too short for this place.
                 let early = [a, b].iter().any(|motor| (1..on).contains(motor));
                 let at_on = if early { 0 } else { at_on };
                 let settling = i32::from(timing.settling);
@@ -378,7 +379,7 @@ mod tests {
                 assert_eq!(timing.build().is_some(), accepted, "{k}: {value}");
             }
         }
-        // Differences below zero.
+        // Differences that would be below zero.
         for (trim, window) in [(5000, 544), (2200, 544), (127, 4300)] {
             let timing = Timing {
                 trim,

@@ -176,7 +176,8 @@ mod tests {
         assert_eq!(fold_back(101.0, 80.0, 100.0), 0.0);
     }
 
-    /// At 110 °C the winding folds the current back to a half.
+    /// The winding permits the whole current at 30 °C, half at 110 °C, none at 130 °C. The driver's share is limited to
+    /// 0 to 1.
     #[test]
     fn lesser_share_of_winding_and_driver_limits_the_current() {
         let winding = Config::default().build().unwrap();

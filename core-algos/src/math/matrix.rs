@@ -27,7 +27,7 @@ pub fn diagonal<const N: usize>(entries: [f32; N]) -> Mat<N, N> {
     m
 }
 
-/// `a b`.
+/// Product `a b`.
 pub fn multiply<const R: usize, const K: usize, const C: usize>(
     a: &Mat<R, K>,
     b: &Mat<K, C>,
@@ -45,7 +45,7 @@ pub fn multiply<const R: usize, const K: usize, const C: usize>(
     m
 }
 
-/// `a v`.
+/// Product `a v`.
 pub fn apply<const R: usize, const C: usize>(a: &Mat<R, C>, v: &[f32; C]) -> [f32; R] {
     let mut out = [0.0; R];
     for i in 0..R {
@@ -80,7 +80,7 @@ pub fn add<const R: usize, const C: usize>(a: &Mat<R, C>, b: &Mat<R, C>) -> Mat<
     m
 }
 
-/// a − b.
+/// `a − b`.
 pub fn subtract<const R: usize, const C: usize>(a: &Mat<R, C>, b: &Mat<R, C>) -> Mat<R, C> {
     let mut m = *a;
     for i in 0..R {

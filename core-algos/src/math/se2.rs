@@ -135,9 +135,9 @@ impl Posture {
 pub struct Transform {
     /// The posture.
     pub posture: Posture,
-    /// Sine of its heading.
+    /// Sine of the heading.
     pub sin: f32,
-    /// Cosine of its heading.
+    /// Cosine of the heading.
     pub cos: f32,
 }
 

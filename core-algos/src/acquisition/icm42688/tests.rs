@@ -234,7 +234,7 @@ fn stuck_line_or_frozen_sample_loses_the_sensor() {
         true
     };
     let fails = |_: &mut [u8]| false;
-    // Line low: a wrong register is read back. Failed transfers count like repeated samples.
+    // With the line low, a register reads back wrong. Failed transfers count like repeated samples.
     type Transfer = fn(&mut [u8]) -> bool;
     let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
     for (transfer, within) in broken {
@@ -242,7 +242,7 @@ fn stuck_line_or_frozen_sample_loses_the_sensor() {
         let steps = until_lost(&mut sensor, transfer);
         assert!(steps <= within, "{steps}");
     }
-    // Line high: the status reports a reset.
+    // With the line high, the status reports a reset.
     let (mut sensor, mut part) = after(1200);
     part.silent = true;
     step(&mut sensor, &mut part, false);

@@ -1,4 +1,4 @@
-//! Descents of the fit: damped Gauss–Newton steps, one shape each.
+//! Descents of the fit: damped Gauss–Newton steps, at most one shape each.
 
 use super::minimum::{Minimum, determines_load};
 use super::ray::Parameters;

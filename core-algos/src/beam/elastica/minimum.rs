@@ -24,8 +24,8 @@ pub(super) struct Minimum {
 }
 
 impl Minimum {
-    /// True if this minimum is lower by more than 0.01. If only this minimum converged, true if it is higher by less
-    /// than 0.01.
+    /// True if the cost of this minimum is below the other's cost less 0.01. If only this minimum converged, true if
+    /// its cost is below the other's cost plus 0.01.
     fn better_than(&self, other: &Self) -> bool {
         let margin = if self.converged && !other.converged {
             1e-2
@@ -60,7 +60,7 @@ pub(super) fn is_exact(mask: GaugeMask, chi_square: f32) -> bool {
     limit.is_some_and(|limit| chi_square < *limit)
 }
 
-/// True if there may be a better minimum elsewhere.
+/// True if another start may lead to a lower minimum.
 pub(super) fn is_suspicious(found: Option<&Minimum>) -> bool {
     found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
 }

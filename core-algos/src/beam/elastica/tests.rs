@@ -293,7 +293,7 @@ fn normal_equations_are_those_of_the_cost() {
     }
 }
 
-/// With a very weak prior, only the interpolation between the gauges is not exact.
+/// With a very weak prior, the start's only error is that of the interpolation between the gauges.
 #[test]
 fn the_start_of_a_bent_strip_is_near_its_shape() {
     let mut random = Random(14);
@@ -507,7 +507,7 @@ fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
         let start = shape.map(|p| p as f32);
         (solver.start_at(start, &readings, &mut 6).unwrap(), readings)
     };
-    // A large load is above three prior scales of 4.
+    // A load is large above three prior scales; the scale is 4.
     for (fx, evaluations) in [
         (12.0f32, 3),
         (-12.0, 3),
@@ -802,7 +802,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
                 assert_eq!(search, before);
                 continue;
             }
-            // The other starts cost two shapes; a smaller effort changes nothing.
+            // Computing the starts costs two shapes; a smaller effort changes nothing.
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
             assert_eq!(search, before);
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);
@@ -816,7 +816,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
             let left = solver.go_on(&mut search, MAX_EVALUATIONS, 100);
             assert!(!search.is_open() && search.descent.is_none());
             assert_eq!(search.evaluations - evaluations + left, 100);
-            // All starts are tried with few readings, otherwise until a shape explains the readings.
+            // With two or three readings all starts are tried, with more only until a shape explains the readings.
             let settled = mask.count() > 3 && !is_suspicious(search.best.as_ref());
             assert!(search.tried == 3 || settled, "{mask:?}");
             let [first, last] = [before, search].map(|search| search.best.unwrap());
@@ -913,8 +913,8 @@ fn budget_of_a_tick_bounds_search_and_refinement() {
     assert!(spent > 100, "{spent}");
 }
 
-/// Worst position error (m) and heading error (rad) over `count` shapes; with `lose`, one
-/// gauge after the other is missing.
+/// Worst position error (m) and heading error (rad) over `count` shapes; with `lose`, each
+/// shape lacks one gauge, in turn.
 fn worst(at: &[f64], load: f64, lose: bool, count: usize) -> (f64, f64) {
     let mut random = Random(3);
     let solver = solver(at, |_| {});
@@ -936,7 +936,7 @@ fn worst(at: &[f64], load: f64, lose: bool, count: usize) -> (f64, f64) {
     worst
 }
 
-/// Loads up to twice the first buckling load of a clamped strip.
+/// The compression is up to 85 EI/L², twice the first buckling load of a clamped strip.
 #[test]
 fn exact_shapes_are_found_for_any_placement() {
     for at in [
@@ -1071,7 +1071,7 @@ fn drifted_zeros_of_a_straight_strip_give_no_significant_force() {
             .unwrap();
         let significant = fit.wrench.significant(fit.relative.posture);
         significant_forces += large(significant);
-        // The heading is about 0.7 mrad a microstrain of the mean reading.
+        // The heading error is about 0.7 mrad a microstrain of the mean reading.
         assert!(fit.relative.posture.phi.abs() < 0.02);
     }
     assert!(

@@ -73,7 +73,7 @@ fn sensor() -> RelativePositionSensor {
     config.build().unwrap()
 }
 
-/// Normalised estimation error squared (NEES) of three numbers: 3 on average.
+/// Normalised estimation error squared (NEES) of a posture: 3 on average.
 fn normalised_error(relative: &RelativePosture, truth: [f64; 3]) -> f64 {
     let p: [f32; 3] = relative.posture.into();
     let d: [f32; 3] = core::array::from_fn(|i| (f64::from(p[i]) - truth[i]) as f32);
@@ -113,7 +113,7 @@ fn extrapolated_estimate_of_a_moving_frame_has_no_lag() {
         }
         let [now, mean] = last;
         assert!(now.abs() < 1.5e-3, "{now}");
-        // 4.5 samples to the middle and 1.8 of latency, at 2 mrad each.
+        // The mean lags by 4.5 samples to the middle of the period and 1.8 of latency, 2 mrad a sample.
         assert!((mean + 12.6e-3).abs() < 1.5e-3, "{mean}");
     }
 }
@@ -142,7 +142,7 @@ fn healthy_sensor_reports_no_fault_and_a_consistent_covariance() {
             worst_rad = worst_rad.max((f64::from(p.phi) - truth[2]).abs());
         }
     }
-    // The zeros and gains of a robot are constant: a probability of 0.02 is one robot of 30 in most bends.
+    // Zeros and gains of a robot are constant, so the probability of 0.02 is one robot of 30 in most of its bends.
     assert!(unexplained / n < 0.06, "{}", unexplained / n);
     // With 30 draws of gain and offset, the mean NEES of 3 has a standard deviation of 0.4.
     assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);

@@ -155,14 +155,14 @@ fn printed_form_is_the_small_angle_limit_of_the_exact_one() {
             ..Motion::default()
         };
         let (a, b) = (exact.axle_twists(&motion), printed.axle_twists(&motion));
-        // Sign of the term.
+        // The front axle is slower than the rear while the frame bends more, and faster while it straightens.
         assert!((a[0].0.v - a[1].0.v) * psi < 0.0);
         [0, 1].map(|i| (a[i].0.v - b[i].0.v).abs())
     };
     for psi in [-0.1, 0.1] {
         let (near, far) = (gap(0.5 * psi), gap(2.0 * psi));
         for i in 0..2 {
-            // The term is 6 mm/s at 0.1 rad; the forms differ by its share ψ²/2 − ψ²/10.
+            // ½ ċ is 6 mm/s at 0.1 rad; the forms differ by the share ψ²/2 − ψ²/10 of this term.
             assert!(near[i] < 1e-5 && far[i] < 5e-4);
             assert!(far[i] > 30.0 * near[i], "a difference of third order");
         }

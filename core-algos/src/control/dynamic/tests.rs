@@ -87,7 +87,7 @@ fn drive(dynamic: &Dynamic, axle: &mut Axle, twist: Twist, load: AxleLoad, time:
 }
 
 properties! { cases 40;
-    /// Forward and in reverse, from a start with errors, on a circle or straight.
+    /// The axle starts with errors; its reference drives a circle or a line, forward or in reverse.
     #[test]
     fn axle_converges_to_its_reference(
         speed in 0.1f32..0.3, reverse: bool, kappa in -2.0f32..2.0,
@@ -132,8 +132,8 @@ properties! { cases 40;
         prop_assert!(last < start * 1.001 + 1e-9);
     }
 
-    /// The torques against a load of the frame, multiplied by `SᵀE` written out as matrices, are that force and
-    /// moment.
+    /// The torques against a load of the frame, multiplied by `SᵀE` written out as matrices, are the force and the
+    /// moment that balance the load.
     #[test]
     fn torques_realise_force_and_moment(
         force in -40.0f32..40.0, moment in -5.0f32..5.0, phi in -3.0f64..3.0,

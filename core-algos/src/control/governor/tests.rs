@@ -145,7 +145,7 @@ fn known_rate_removes_the_lag() {
         without = stepped(&governor, &without, &governor_input(0.0));
     }
     assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
-    // The lag is 2/ω.
+    // Without the rate, ψ lags by the time 2/ω.
     assert!((without.motion.psi.0 - (0.4 - 0.4 * 0.25)).abs() < 0.006);
     assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
 }
@@ -162,7 +162,7 @@ fn known_acceleration_removes_the_lag_of_speed() {
         };
         state = stepped(&governor, &state, &governor_input);
     }
-    // The input at the end of the step.
+    // The state is that at the end of the step, where a continued input is 0.2025 m/s.
     assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
 }
 

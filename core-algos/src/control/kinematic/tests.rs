@@ -171,8 +171,8 @@ fn a_reference_ahead_is_trailed_at_the_rest_distance() {
     assert!((command.v - 0.2).abs() < 1e-5 && command.kappa.abs() < 1e-5);
 }
 
-/// A led reference on a circle or a line, forward or in reverse, is caught up with and then followed within
-/// millimetres.
+/// The robot catches up with a led reference on a circle or a line, forward or in reverse, and then follows it within
+/// 3 mm.
 #[test]
 fn a_moving_reference_is_followed() {
     let law = Config::default().build().unwrap();
@@ -184,7 +184,7 @@ fn a_moving_reference_is_followed() {
         for kappa_r in [0.0f32, 1.0, -0.5] {
             let (mut q, mut r) = ([-0.3f64 * f64::from(v_r.signum()), 0.15, 0.2], [0.0f64; 3]);
             for _ in 0..6000 {
-                // Led by the distance at which O trails its reference.
+                // The reference is led by the distance at which O trails it.
                 let ahead = law.rest_distance().copysign(v_r);
                 let led = Reference {
                     posture: Posture::from(r.map(|c| c as f32)).advance(ahead, ahead * kappa_r),

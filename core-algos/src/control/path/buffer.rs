@@ -72,8 +72,8 @@ pub struct PathSample {
     pub kappa_slope: f32,
 }
 
-/// The path between `a` and `b` at arc length `s`. Outside this range, and at `a`, the path is the circle of the
-/// nearer point, with constant curvature.
+/// The path between `a` and `b` at arc length `s`. At these points and beyond, the path is the circle of the nearer
+/// point, with constant curvature.
 pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     let length = b.s - a.s;
     let beyond = |end: PathPoint| PathSample {

@@ -89,7 +89,7 @@ properties! { cases 64;
         kappa in -2.5f32..2.5, lateral in -0.05f32..0.05,
     ) {
         let (law, lead) = (law(), Lead::of(&law()));
-        // O at the origin of a path along x; the reference on the path's circle.
+        // O is beside the origin of a path that begins along x; the reference is on the path's circle.
         let ahead = lead.distance(kappa, lateral);
         let center = Posture::new(0.0, lateral, 0.0);
         let reference = Posture::ORIGIN.advance(ahead, kappa * ahead);
@@ -188,7 +188,7 @@ fn buffer_streams_points_and_rejects_them_when_full() {
         path.push(on_line(i as f32 * 0.02)).unwrap();
     }
     assert_eq!(path.room(), 0);
-    // Across the wrap of the ring.
+    // These arc lengths go across the wrap of the ring buffer.
     for i in 0..60 {
         let s = 0.1 + i as f32 * 0.005;
         assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
@@ -406,7 +406,7 @@ properties! { cases 64;
         let h = 1e-4f32;
         let around = [s - h, s + h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let rate = (around[1] - around[0]) / (2.0 * f64::from(h)) * exact;
-        // Except where the active limit changes.
+        // The rate jumps where the active limit changes; these places are skipped.
         let smooth = [s - 3.0 * h, s + 3.0 * h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let wide = (smooth[1] - smooth[0]) / (6.0 * f64::from(h)) * exact;
         if s > 1e-3 && (rate - wide).abs() < 1e-3 && s < end - 1e-3 {
@@ -492,7 +492,7 @@ fn trajectory_position_speed_and_acceleration_are_consistent() {
     }
 }
 
-/// Beyond its ends, and at the end point, a path has a constant curvature.
+/// At its end points and beyond, a path has a constant curvature.
 #[test]
 fn path_curvature_changes_between_points_only() {
     let (a, b) = (clothoid(0.0, 1.0, 1.0, 0.5), clothoid(0.0, 1.0, 1.0, 0.6));

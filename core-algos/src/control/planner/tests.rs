@@ -75,7 +75,7 @@ properties! { cases 100;
         }
     }
 
-    /// The plan depends only on the start in the goal's frame.
+    /// The cost of the plan depends only on the start in the goal's frame.
     #[test]
     fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
         let planner = Config::default().build(2.0).unwrap();
@@ -155,7 +155,7 @@ fn approach_cost(
     Some(length + cusp)
 }
 
-/// Starts over the planner's range. The first may approach forward or, on a longer path, in reverse.
+/// Starts over the planner's range. The first start may approach forward or, on a longer path, in reverse.
 fn starts() -> impl Iterator<Item = [f64; 3]> {
     let beside = [-1.2f64.cos(), 1.2f64.sin(), -2.4];
     let others = (1..=40).map(|k| {

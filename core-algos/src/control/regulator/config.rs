@@ -82,7 +82,7 @@ declare! {
 }
 
 impl Config {
-    /// Checks the parameters.
+    /// Builds the validated regulator; the error names the invalid field.
     pub fn build(self) -> Result<Regulator, ConfigError> {
         self.check_ranges()?;
         let limits = self.limits.build()?;

@@ -14,7 +14,7 @@ pub enum Phase {
     Stop,
     /// At rest, searching for a plan.
     Plan,
-    /// At rest, steering to the next curvature.
+    /// At or near rest, steering to the next curvature.
     Steer,
     /// Driving a segment of the plan.
     Segment,
@@ -54,13 +54,14 @@ pub struct State {
     pub(super) last: Posture,
     /// Time without motion while driving.
     pub(super) stuck: Stuck,
-    /// Posture where the robot was last stuck; initially the posture at the start.
+    /// Posture where the robot was last stuck, at first the posture at the start; `None` before the start.
     pub(super) stuck_at: Option<Posture>,
     /// True if the robot gave up because it cannot move.
     pub(super) blocked: bool,
     /// Distance driven along the present segment, m.
     pub(super) progress: f32,
-    /// Curvature of the final arc once the approach follows it, 1/m, positive to the left of the robot's heading.
+    /// Curvature of the final arc, 1/m, positive to the left of the robot's heading; `None` until the approach follows
+    /// the arc.
     pub(super) final_curvature: Option<f32>,
     /// Curvature that is held at standstill, 1/m.
     pub(super) kappa: f32,

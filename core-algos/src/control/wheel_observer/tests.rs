@@ -119,7 +119,7 @@ fn bad_configuration_is_named() {
 }
 
 properties! {
-    /// Any origin of the counter, including near its wrap.
+    /// The counter starts at any count, also near its wrap.
     #[test]
     fn origin_of_the_count_does_not_matter(origin: i32, speed in -20.0f64..20.0) {
         let near_wrap = i32::MAX.wrapping_add(origin % 500);

@@ -156,7 +156,7 @@ properties! {
             prop_assert!(output.duty.abs() <= 0.980_001);
             prop_assert!(output.valid || output.duty == 0.0);
         }
-        // After any input, valid samples are followed again.
+        // After any input, the loop accepts valid samples again.
         let sound = Input { torque_nm: 0.0, supply_v: 12.0, limit_a: 1.0, ..Input::default() };
         for _ in 0..2 {
             prop_assert!(current_loop.step(&mut state, &sound).valid);

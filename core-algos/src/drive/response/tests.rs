@@ -78,7 +78,7 @@ fn voltage_of_healthy_motor_is_always_explained() {
         };
         let at = objects_at(winding, 40_000, |k| swinging(k).0, |k| swinging(k).1);
         assert_eq!(at, None, "{resistance} {constant}");
-        // Speeds with and against a torque, at the voltage limit.
+        // The wheel turns with or against the torque; the voltage reaches its limit.
         for speed in [14.0, -14.0] {
             assert_eq!(objects_at(winding, 20_000, |_| 2.0, |_| speed), None);
         }
@@ -174,7 +174,7 @@ properties! {
             response.step(&mut state, input[0], input[1], input[2]);
         }
         prop_assert!(state.unexplained());
-        // Explained again after the next whole window.
+        // The next whole window explains the voltage again.
         for _ in 0..400 {
             response.step(&mut state, 0.0, 0.0, 0.0);
         }

@@ -74,7 +74,7 @@ fn tolerance_holds_up_to_both_bounds() {
     }
 }
 
-/// y'' = −y/λ² − 2 y'/λ: 25/m² and 10/m for λ of 0.2 m.
+/// In y'' = −y/λ² − 2 y'/λ the gains are 25/m² and 10/m for λ = 0.2 m.
 #[test]
 fn path_feedback_has_the_gains_of_critical_decay() {
     for (y, phi, sign, kappa) in [
@@ -152,7 +152,7 @@ fn speed_is_unreduced_below_half_the_steering_wait_and_zero_above_it() {
     }
 }
 
-/// 1.15 times the greatest curvature, and 0.1 rad over the distance.
+/// The region's curvature is 1.15 times the robot's greatest curvature, plus 0.1 rad over the distance.
 #[test]
 fn approach_region_is_the_funnel_widened_by_its_slack() {
     let regulator = plain();
@@ -209,7 +209,7 @@ fn goal_is_reached_within_bounds_that_each_attempt_widens_to_the_tolerance() {
     }
 }
 
-/// Phase after one tick of a robot in a phase, at a posture, with a speed.
+/// Each row is one tick on one side of a limit: of speed, time, posture or attempts.
 #[test]
 fn phase_transitions_occur_at_their_limits() {
     let regulator = plain();
@@ -233,10 +233,10 @@ fn phase_transitions_occur_at_their_limits() {
         (Stop, direct, 0.0, 20, beside, 0.0, GaveUp, 21),
         (GaveUp, direct, 9.0, 21, near, 0.0, GaveUp, 21),
         (Plan, Next::Plan, 0.0, 0, far, 0.0, Stop, 0),
-        // After 3 s at any steering error.
+        // The approach begins after 3 s at any steering error.
         (Steer, direct, 2.985, 0, beside, 0.0, Steer, 0),
         (Steer, direct, 2.995, 0, beside, 0.0, Approach, 0),
-        // After 0.2 s at rest.
+        // The posture is compared with the goal after 0.2 s at rest.
         (Hold, Next::Plan, 0.185, 0, near, 0.0, Hold, 0),
         (Hold, Next::Plan, 0.195, 0, near, 0.0039, Done, 0),
         (Hold, Next::Plan, 0.195, 0, near, -0.0039, Done, 0),
@@ -406,7 +406,7 @@ fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
 
 #[test]
 fn approach_ends_after_100_ms_outside_the_funnel_or_1_s_without_speed() {
-    // First the default law; below, a law that commands almost no speed, inside the funnel.
+    // These rows have the default law. The rows below have a law that commands almost no speed, inside the funnel.
     let regulator = plain();
     let (inside, outside) = (at(-1.0, 0.0, 0.0), at(-0.2, -0.3, 0.0));
     for (no_progress_s, input, phase, left) in [
@@ -462,7 +462,7 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
             regulator.tick(&mut state, &at(-sign * x, 0.0, 0.0));
             assert_eq!(state.final_curvature.is_some(), on_arc, "{x}");
         }
-        // 2 sin α / e, positive to the left of the heading, at most the greatest curvature.
+        // The arc's curvature is 2 sin α / e, positive to the left of the heading, limited to the robot's greatest.
         for (y, wide) in [
             (0.002f32, 0.2f32),
             (-0.002, -0.2),
@@ -487,7 +487,7 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
                 "{direction:?} {y}: {found} {expected}"
             );
         }
-        // Speed of 2/s times the remaining distance; critical decay to the arc over 0.06 m.
+        // The speed is 2/s times the remaining distance; deviations from the arc decay critically over 0.06 m.
         for (left, y, curvature, v) in [
             (0.0031f32, 0.0f32, 0.0f32, 0.0062f32),
             (0.0029, 0.0, 0.0, 0.0),
@@ -552,7 +552,7 @@ fn new_phase_restarts_the_time_without_motion() {
     }
 }
 
-/// A robot that is stuck twice within 1 cm, outside the goal's tolerance, is blocked.
+/// A robot that is stuck twice within 1 cm, outside the goal's tolerance and the accepted error, is blocked.
 #[test]
 fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
     let regulator = plain();
@@ -570,7 +570,7 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
         let mut state = State {
             next: Next::Step(0),
             stuck_at: before.map(|x| Posture::new(x, 0.0, 0.0)),
-            // The approach is not left for other reasons.
+            // On the final arc the approach does not end for other reasons.
             final_curvature: Some(0.0),
             ..state(Phase::Approach)
         };
