@@ -23,7 +23,7 @@ pub struct OnBus {
     pub layout: &'static Layout,
     /// Sender.
     pub sender: Node,
-    /// End of the name: the axle, frame, board or node.
+    /// Suffix of the name: axle, frame, board or node; empty for a message of the robot.
     suffix: &'static str,
 }
 
@@ -77,7 +77,7 @@ fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<On
     })
 }
 
-/// End of a message's name: its axle, frame, board or node.
+/// Suffix of a message's name: the axle, frame, board or node that `owner` stands for.
 fn suffix(topology: Topology, of: Of, owner: Node) -> &'static str {
     let name = topology.node_name(owner);
     match (of, owner) {

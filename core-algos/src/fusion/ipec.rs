@@ -104,7 +104,7 @@ pub struct Ipec {
 pub struct State {
     /// Position and heading of axle 1 and axle 2, in `f64` as they are long sums of small increments.
     axles: [[f64; 3]; 2],
-    /// σ_β², rad².
+    /// σ_β², variance of the line's direction, rad².
     pub variance: f32,
 }
 

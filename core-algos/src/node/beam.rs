@@ -187,7 +187,7 @@ mod tests {
         )
     }
 
-    /// Messages of the last epoch of 1.2 s.
+    /// Runs the node for 1.2 s; returns the messages of the last epoch.
     fn run(node: &mut BeamNode, counts: impl Fn(u64) -> [i32; MAX_GAUGES]) -> Vec<Message> {
         let mut outbox = Outbox::new();
         for tick in 1..=1200u64 {

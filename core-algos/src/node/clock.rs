@@ -17,8 +17,9 @@
 use crate::bus::Message;
 use crate::time::{EPOCH, Micros, TICK};
 
-/// Share of an error that corrects the offset, and the rate (per epoch), of each pair.
+/// Share of a pair's error that is added to the offset.
 const OFFSET_GAIN: f32 = 0.02;
+/// Share of a pair's error that is added to the rate, per epoch.
 const RATE_GAIN: f32 = 1e-4;
 /// Limit of the estimated rate between two crystals, 200 ppm, in µs per epoch.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
@@ -45,15 +46,15 @@ pub struct CommonClock {
 struct Fit {
     /// Local time the line is anchored at.
     local: Micros,
-    /// Common less local time there: whole microseconds, and the rest.
+    /// Common less local time at `local`: whole microseconds in `offset`, the fraction in `rest`.
     offset: i64,
     rest: f32,
-    /// Gain of the common time in an epoch, µs.
+    /// Advance of the common time relative to local time in an epoch, µs.
     rate: f32,
 }
 
 impl Fit {
-    /// The offset at `local`, whole microseconds and the rest.
+    /// Common less local time at `local`: whole microseconds, and the fraction.
     fn at(&self, local: Micros) -> (i64, f32) {
         let epochs = local.saturating_sub(self.local) as f32 / EPOCH as f32;
         let rest = self.rest + self.rate * epochs;

@@ -94,7 +94,7 @@ pub struct ConfiguredPlacement {
 }
 
 impl Default for ConfiguredPlacement {
-    /// Placed by eye on a thick carpet.
+    /// Robot placed by eye on a thick carpet.
     fn default() -> Self {
         Self {
             placement_m: 5e-3,

@@ -121,7 +121,7 @@ impl TickSync {
         }
         let began = self.epoch_began.replace(now);
         let last_delay_us = match (began, self.sent.take()) {
-            // Only the delay of the epoch just before.
+            // A `TimeSync` carries only the delay of the epoch directly before.
             (Some(began), Some(sent)) if began + EPOCH == now => sent
                 .checked_sub(began)
                 .filter(|&delay| delay < EPOCH)

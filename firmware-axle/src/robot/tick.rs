@@ -43,10 +43,10 @@ pub struct AxleReport {
     pub inertial: bool,
 }
 
-/// The loop's parts of the tick.
+/// State of the tick that all boards share, on this board's chip.
 type Common = tick_loop::Common<Chip>;
 
-/// Parts of the axle that the tick works with.
+/// Devices, nodes and limits that the axle's tick works with.
 pub struct Axle {
     /// Motors.
     pub motors: Motors,
@@ -215,7 +215,7 @@ impl AxleTick {
     fn take_orders(&mut self, now: Micros, common: &mut Common) {
         let Axle { button, nodes, .. } = &mut self.axle;
         button.step(now, nodes, &mut common.link);
-        // In a tick in which the lead node has little other work.
+        // One tick before the lead node's step, because the lead node has little other work then.
         if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
             common.link.execute_orders(lead);
         }

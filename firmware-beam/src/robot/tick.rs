@@ -46,7 +46,7 @@ pub struct BeamReport {
     pub noise: Option<[f32; MAX_GAUGES]>,
 }
 
-/// The loop's parts of the tick.
+/// State of the tick that all boards share, on this board's chip.
 type Common = tick_loop::Common<Chip>;
 
 /// Signals between the tick and the store, to save a calibration.
@@ -57,7 +57,7 @@ pub struct Saving {
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 
-/// Parts of the beam that the tick works with.
+/// Devices, node and calibration that the beam's tick works with.
 pub struct Beam {
     /// Bridges.
     pub bridges: Bridges,
