@@ -379,7 +379,7 @@ impl RobotFusion {
     }
 
     /// Restarts from the beam and the axle whose estimate is still valid, after the other axle has lost its estimate.
-    /// `last` is the output of the step before. Estimates of the constants are lost too.
+    /// `last` is the output of the latest step. Estimates of the constants are lost too.
     pub fn rejoin(
         &self,
         state: &mut State,

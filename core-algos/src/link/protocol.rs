@@ -355,7 +355,7 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// Output of a step of the lead node at `now`, with the room it has.
+    /// Output of a step of the lead node at `now`, with the room in its buffers.
     pub fn of(now: Micros, output: lead::Output, lead: &mut LeadNode) -> Self {
         let path = lead.path_task();
         Self {

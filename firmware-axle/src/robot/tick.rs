@@ -64,7 +64,7 @@ pub struct Axle {
     pub winding: Winding,
     /// Limits of drivers and supply.
     pub drive: Drive,
-    /// State of the parameters at the start.
+    /// Conditions from reading the stored parameters at the start.
     pub parameters: Conditions,
 }
 
@@ -106,7 +106,7 @@ impl BoardTick for AxleTick {
         Some((self.axle.motors.tick().await, ()))
     }
 
-    /// Executes orders of button and host before messages are received, as a replay does.
+    /// Reads the sensors and executes orders of button and host, before messages are received, as in a replay.
     fn begin(&mut self, local: Micros, (): (), common: &mut Common) -> Sampled {
         let feedback = self.axle.motors.feedback();
         let encoder = self.axle.encoders.read();
