@@ -106,7 +106,7 @@ pub fn schema() -> u8 {
     (sum ^ sum >> 8 ^ sum >> 16 ^ sum >> 24) as u8
 }
 
-/// The row of the table for an identifier.
+/// The row of the table for an identifier; `None` if no message has the identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {
     MESSAGES.iter().find(|layout| {
         id.checked_sub(layout.id)
@@ -117,7 +117,7 @@ pub fn find(id: u16) -> Option<&'static Layout> {
     })
 }
 
-/// Sender of the message with this identifier.
+/// Sender of the message with this identifier; `None` if no message has the identifier.
 pub fn sender(id: u16) -> Option<Node> {
     let layout = find(id)?;
     match layout.sender {

@@ -214,7 +214,8 @@ impl Ipec {
     /// `postures` of axle 1 and 2 after odometry; `advance` of their midpoints in the interval (m); `own_variance` of
     /// each axle's own heading change in the interval (rad²); `r` as in [`Self::step`]. Returns the corrected
     /// postures, whose relative posture is exactly `r`, and the correction. `None` if `r` or the positions give no
-    /// direction, or if both axles deviate from the line by about the same angle, so that `r` itself is suspect.
+    /// direction, or if both axles are gated with about the same deviation from the line, so that `r` itself is
+    /// suspect.
     pub fn weigh(
         &self,
         postures: [Posture; 2],

@@ -88,8 +88,8 @@ impl Track {
         }
     }
 
-    /// Covariance intersection of both, and the weight of `self`. `None` if a covariance is not
-    /// positive definite or a number not finite.
+    /// Covariance intersection of `self` and `other`, and the weight of `self`. `None` if a covariance is not positive
+    /// definite or a number not finite.
     pub fn intersect(&self, other: &Self, intersection: &Intersection) -> Option<(Self, f32)> {
         let b = other.estimate();
         let fused = intersection.fuse(&self.estimate(), &b)?;

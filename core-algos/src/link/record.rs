@@ -60,7 +60,7 @@ impl<'a> Entry<'a> {
         Self::Frame(frame.id, frame.bytes())
     }
 
-    /// Bus frame of a valid frame entry.
+    /// Bus frame of a frame entry; `None` for another entry, or for more than 8 bytes.
     pub fn frame(&self) -> Option<CanFrame> {
         let Self::Frame(id, bytes) = *self else {
             return None;
@@ -71,7 +71,7 @@ impl<'a> Entry<'a> {
         Some(CanFrame { id, length, data })
     }
 
-    /// Encodes the entry into `room`; `None` if it does not fit.
+    /// Encodes the entry into `room`; `None` if the entry does not fit.
     pub fn encode<'b>(&self, room: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, room).ok().map(|used| &*used)
     }

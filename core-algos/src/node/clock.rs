@@ -152,15 +152,16 @@ impl Tick {
         }
     }
 
-    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms, or within 0.05 ms if the
-    /// tick before was out of step. This hysteresis keeps an error near the limit from letting single ticks through.
+    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms if the tick before was in step
+    /// (`before`), otherwise within 0.05 ms. Without this hysteresis an error near the limit would let single ticks
+    /// through.
     pub fn in_step(&self, before: bool) -> bool {
         self.late_us.abs() <= if before { 2 * LOCK_US } else { LOCK_US }
     }
 
-    /// Counts by which the period of the board's timer is to differ from the nominal one until the
-    /// next tick: −1, 0 or 1 near the millisecond. Far from it four times that, since one count in 4200 gains
-    /// little on a crystal that is off by 200 ppm.
+    /// Counts by which the period of the board's timer is to differ from the nominal period until the next tick: −1, 0
+    /// or 1 near the millisecond, −4 or 4 far from the millisecond. One count in 4200 would gain little on a crystal
+    /// that is off by 200 ppm.
     pub fn trim(&self) -> i8 {
         // A tick that comes late needs shorter periods.
         -(self.late_us.signum() as i8) * if self.in_step(false) { 1 } else { 4 }

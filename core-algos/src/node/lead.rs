@@ -190,7 +190,8 @@ impl From<path_task::PathStep> for Decision {
 pub struct LeadNode {
     with: Algorithms,
     own: CustomController,
-    /// Kept outside the state, which passes over the stack: the buffers are three times as large.
+    /// Buffers of path and trajectory. Outside of `state`, which passes over the stack: the buffers are three times as
+    /// large as `state`.
     path_task: path_task::State,
     state: State,
 }

@@ -200,7 +200,7 @@ impl RobotConfig {
         Ok(())
     }
 
-    /// Axles of the robot.
+    /// Topology of the robot: two axles.
     pub const fn topology(&self) -> Topology {
         Topology::PAIR
     }
