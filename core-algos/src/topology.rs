@@ -61,14 +61,14 @@ impl Side {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wheels<T> {
-    /// Value of the left wheel.
+    /// Left wheel's value.
     pub left: T,
-    /// Value of the right wheel.
+    /// Right wheel's value.
     pub right: T,
 }
 
 impl<T> Wheels<T> {
-    /// `value` for both wheels.
+    /// One value for both wheels.
     pub const fn both(value: T) -> Self
     where
         T: Copy,
@@ -87,7 +87,7 @@ impl<T> Wheels<T> {
         }
     }
 
-    /// Values of the left and the right wheel.
+    /// Values of the left wheel, then the right wheel.
     pub fn list(self) -> [T; 2] {
         [self.left, self.right]
     }
@@ -114,7 +114,7 @@ impl<T> IndexMut<Side> for Wheels<T> {
 }
 
 impl<T> From<[T; 2]> for Wheels<T> {
-    /// Takes the values of the left and the right wheel.
+    /// From the values of the left and the right wheel.
     fn from([left, right]: [T; 2]) -> Self {
         Self { left, right }
     }

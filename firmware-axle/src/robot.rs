@@ -173,7 +173,7 @@ struct Built {
     winding: Winding,
 }
 
-/// Not inlined, so that the configurations of all the parts do not stay on the stack.
+/// Builds the objects. Not inlined, so that their configurations do not stay on the stack.
 #[inline(never)]
 fn build(settings: &Settings, role: Role) -> Result<Built, ConfigError> {
     let config = &settings.robot;

@@ -37,7 +37,7 @@ pub struct Feedback {
     pub supply_v: f32,
     /// Temperature between the drivers, °C; `None` if the thermistor is open or short.
     pub temperature_c: Option<f32>,
-    /// True if the drivers are awake.
+    /// True if the drivers are awake and their wake-up time is over.
     pub on: bool,
     /// True if the zeros of the current sensors are known.
     pub ready: bool,

@@ -4,11 +4,11 @@ use core_algos::bus::{LeadMode, Message};
 use core_algos::safety::Permit;
 use core_algos::time::{Micros, TICK};
 
-/// Time since the last message that shows motors on, after which the motors count as off: twice the
-/// axles' own timeout.
+/// Time since the last message that shows or commands motors on, after which the motors count as off: twice the timeout
+/// of a heartbeat.
 const MOTORS_OFF: Micros = 100 * TICK;
 
-/// Time of the latest message that shows motors on, or a command of the lead node to switch them on.
+/// Local time of the latest message that shows or commands motors on; `None` before the first.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Motors(Option<Micros>);
 

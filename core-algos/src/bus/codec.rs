@@ -170,7 +170,7 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         .ok_or(DecodeError::Value { id: frame.id })
 }
 
-/// Nearest raw value; `None` for NaN and out of range.
+/// Nearest raw value; `None` for NaN and for a value out of range.
 fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     let scaled = (value - signal.offset) / signal.scale;
     let (low, high) = signal.raw_range();

@@ -55,14 +55,14 @@ pub enum Calibrate {
 wire_enum! {
     /// Mode that the lead node commands to the axles.
     LeadMode {
-        /// Motors off.
+        /// Brake, then motors off.
         #[default]
         Idle = "idle",
         /// Follow the references.
         Active = "active",
-        /// Standstill at the end of a task: hold the references.
+        /// Standstill before a drive or at the end of a task: hold the references.
         Hold = "hold",
-        /// Motors off, and clear latched faults.
+        /// Brake, then motors off; clear latched faults.
         Clear = "clear",
     }
 }
@@ -104,7 +104,7 @@ pub fn wrap_position(x: f32) -> f32 {
     }
 }
 
-/// Smallest transmitted standard deviation, m or rad; smaller ones are raised to it.
+/// Smallest transmitted standard deviation, m or rad; smaller standard deviations are raised to this value.
 const SIGMA_FLOOR: f32 = 2e-9;
 
 /// Covariance from logarithms of standard deviations and correlations.

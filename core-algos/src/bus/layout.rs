@@ -23,7 +23,7 @@ pub struct OnBus {
     pub layout: &'static Layout,
     /// Sender.
     pub sender: Node,
-    /// End of the name: the axle, frame, board or node.
+    /// Suffix of the name: axle, frame, board or node; empty for a message of the robot.
     suffix: &'static str,
 }
 
@@ -77,7 +77,7 @@ fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<On
     })
 }
 
-/// End of a message's name: its axle, frame, board or node.
+/// Suffix of a message's name: the axle, frame, board or node that `owner` stands for.
 fn suffix(topology: Topology, of: Of, owner: Node) -> &'static str {
     let name = topology.node_name(owner);
     match (of, owner) {
@@ -106,7 +106,7 @@ pub fn schema() -> u8 {
     (sum ^ sum >> 8 ^ sum >> 16 ^ sum >> 24) as u8
 }
 
-/// The row of the table for an identifier.
+/// The row of the table for an identifier; `None` if no message has the identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {
     MESSAGES.iter().find(|layout| {
         id.checked_sub(layout.id)
@@ -117,7 +117,7 @@ pub fn find(id: u16) -> Option<&'static Layout> {
     })
 }
 
-/// Sender of the message with this identifier.
+/// Sender of the message with this identifier; `None` if no message has the identifier.
 pub fn sender(id: u16) -> Option<Node> {
     let layout = find(id)?;
     match layout.sender {

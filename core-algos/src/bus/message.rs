@@ -97,7 +97,7 @@ macro_rules! messages {
         }),+];
 
         impl Message {
-            /// Identifier, `None` if the owner has no such message, and values of the signals.
+            /// Identifier and signal values; the identifier is `None` if the owner has no such message.
             pub(super) fn to_values(self) -> (Option<u16>, Values) {
                 let mut values = Values::default();
                 let mut to = values.iter_mut();
@@ -271,7 +271,7 @@ messages! {
         sequence: u8 = SEQUENCE,
         /// Mode commanded to the axles.
         mode: LeadMode = [Signal::labelled("mode", 8, &LeadMode::NAMES)],
-        /// Commanded half steering angle ψ, rad.
+        /// Commanded steering angle ψ, rad.
         steering_rad: f32 = [Signal::signed("steering", 16, 1e-4, "rad")],
         /// Commanded velocity of the midpoint, m/s.
         velocity_m_s: f32 = [Signal::signed("velocity", 16, 1e-4, "m/s")],

@@ -57,8 +57,8 @@ pub const GYRO_BIAS: usize = 16;
 pub const GYRO_SCALE: usize = 18;
 /// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants that affect an axle's increment besides the compliances, forward, laterally and in heading; for front and
-/// rear.
+/// Constants other than the compliances that affect an axle's advance, of front and rear. `OF_ASIDE` and `OF_HEADING`
+/// list the constants that affect its lateral motion and its heading.
 pub(super) const OF_AHEAD: [[usize; 3]; 2] =
     [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
@@ -73,8 +73,8 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     ],
 ];
 
-/// Error of an increment for the errors `of` the constants: the product with [`IncrementInputs::by_constants`],
-/// over its few nonzero entries.
+/// Error of an increment (m, m, rad) if constant k has the error `of(k)`: the product with
+/// [`IncrementInputs::by_constants`], over the few nonzero entries.
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,
@@ -162,8 +162,8 @@ impl IncrementInputs {
         0.5 * (left + right)
     }
 
-    /// Advance and turn (m, rad) for a unit slip per metre and radian of relative heading: equal in both tyres, then
-    /// opposite in the two tyres.
+    /// Advance (m) and turn (rad) of the axle for a slip of 1 per metre rolled and radian of relative heading. First
+    /// row: equal slip of both tyres; second row: opposite slip.
     fn slip(&self, tyres: &Tyres) -> [[f32; 2]; 2] {
         let [left, right] = self.rolled(tyres);
         let half = 0.5 * self.sign();
@@ -202,7 +202,7 @@ impl IncrementInputs {
         (error, by_heading)
     }
 
-    /// Sign of the difference of the axles' compliances.
+    /// Sign of half the difference of the compliances in an axle's compliance: + front, − rear.
     fn difference_sign(&self) -> f32 {
         -self.sign()
     }

@@ -7,7 +7,7 @@ use crate::math::matrix::{self, Mat, Mat3};
 /// Smallest pivot of the L D Lᵀ factors, as a share of the state's variance. A smaller pivot is raised, because
 /// rounding could carry a correlation coefficient past ±1.
 const LEAST_PIVOT: f32 = 1e-4;
-/// Smallest share of a variance that is added when its pivot is too small.
+/// Smallest increase of a variance whose pivot is too small, as a share of the variance.
 const LIFT: f32 = 4e-6;
 /// Largest variance, in squared state units; a larger variance is scaled back to this value.
 const MAX_VARIANCE: f32 = 1e6;
@@ -130,8 +130,8 @@ impl<const N: usize> Covariance<N> {
     }
 
     /// Keeps the matrix finite and positive definite over millions of steps: scales back variances that have grown
-    /// without bound, and raises variances whose pivot is lost in rounding. Both are rare and affect only entries
-    /// without meaning.
+    /// without bound, and raises variances whose pivot is lost in rounding. Both are rare and change only entries
+    /// that have lost their meaning.
     pub(super) fn condition(&mut self) {
         for i in 0..N {
             let variance = self.upper[i][i];
@@ -245,10 +245,11 @@ mod tests {
         assert_eq!(conditioned(&sound), sound);
     }
 
-    /// Two states with a correlation of almost 1, or above 1; a third depends on both, up to `apart`.
+    /// Two states have a correlation of almost 1, or above 1. A third state depends on the first, and has an additional
+    /// covariance of `apart` with the second.
     #[test]
     fn lost_pivot_raises_its_variance_and_leaves_the_other_entries() {
-        // Pivot of the second state over its variance, `apart`, and relative gain of its variance.
+        // Pivot of the second state over its variance, `apart`, and expected relative increase of the second variance.
         for (pivot, apart, gain) in [
             (0.0, 0.0, 1e-4),
             (1e-6, 3e-3, 9.9e-5),

@@ -104,7 +104,7 @@ pub struct Ipec {
 pub struct State {
     /// Position and heading of axle 1 and axle 2, in `f64` as they are long sums of small increments.
     axles: [[f64; 3]; 2],
-    /// σ_β², rad².
+    /// σ_β², variance of the line's direction, rad².
     pub variance: f32,
 }
 
@@ -214,7 +214,8 @@ impl Ipec {
     /// `postures` of axle 1 and 2 after odometry; `advance` of their midpoints in the interval (m); `own_variance` of
     /// each axle's own heading change in the interval (rad²); `r` as in [`Self::step`]. Returns the corrected
     /// postures, whose relative posture is exactly `r`, and the correction. `None` if `r` or the positions give no
-    /// direction, or if both axles deviate from the line by about the same angle, so that `r` itself is suspect.
+    /// direction, or if both axles are gated with about the same deviation from the line, so that `r` itself is
+    /// suspect.
     pub fn weigh(
         &self,
         postures: [Posture; 2],

@@ -110,12 +110,13 @@ pub struct Joint {
     per_limit: [f32; constants::COUNT],
     /// Factor by which an estimated constant fades per tick.
     kept: f32,
-    /// Variance added to the constants each tick.
+    /// Variance added to each constant per tick.
     walk: [f32; constants::COUNT],
     /// Variance of the considered turn of the robot per metre.
     steady_turn: f32,
-    /// Variances of an axle's heading (rad²) and travel (m²) due to backlash.
+    /// Variance of an axle's heading due to backlash, rad².
     backlash_heading: f32,
+    /// Variance of an axle's travel due to backlash, m².
     backlash_position: f32,
 }
 
@@ -126,7 +127,7 @@ pub struct State {
     relative: Posture,
     constants: [f32; constants::COUNT],
     covariance: Covariance<N>,
-    /// Relative heading that loads the tyres: of the last tick with the odometry of both axles.
+    /// Relative heading that loads the tyres, from the last tick with the odometry of both axles.
     loading: RelativeHeading,
     /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): displacement
     /// by the floor per metre along its x and y, and turn per metre.
@@ -217,7 +218,7 @@ impl State {
         let relative = self.relative().covariance;
         let (sin, cos) = sin_cos(self.rear.phi);
         let into_world = |q: Posture, mut covariance: Mat3| {
-            // Up to here along the axes of the rear axle.
+            // `covariance` is along the axes of the rear axle until `turned` rotates it.
             for (by, variance) in self.by_considered.iter().zip(self.considered) {
                 add_outer(&mut covariance, &carried(by, q), variance);
             }
@@ -479,7 +480,7 @@ impl Joint {
         (Posture::new(p.x + x, p.y + y, p.phi + phi), error)
     }
 
-    /// Sets the relative heading that loads the tyres; it stays while the odometry of one axle is missing.
+    /// Restores the relative heading that loads the tyres, after a [`Self::predict`] without the odometry of one axle.
     pub fn keep_loading(&self, state: &mut State, loading: RelativeHeading) {
         state.loading = loading;
     }

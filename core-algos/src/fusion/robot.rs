@@ -69,9 +69,11 @@ use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
 
-/// Distance (m) and time (s) over which a constant error of odometry and a random walk of its size have the same
-/// effect; for the weights of IPEC.
+/// Distance over which a constant error of odometry and a random walk of equal size have the same effect, m; for the
+/// weights of IPEC.
 const REFERENCE_WAY_M: f32 = 1.0;
+/// Time over which a constant error of a gyro and a random walk of equal size have the same effect, s; for the weights
+/// of IPEC.
 const REFERENCE_TIME_S: f32 = 1.0;
 /// Duration of a drive up to which a constant bias covers the random walk of a gyro's bias, s.
 const WALK_TIME_S: f32 = 30.0;
@@ -108,7 +110,7 @@ pub struct Increment {
     pub posture: Posture,
     /// Covariance of the error: along and across the heading reached, in heading.
     pub covariance: Mat3,
-    /// Ticks it spans.
+    /// Ticks that the increment spans.
     pub ticks: u16,
     /// Share of the time in which the heading came from a gyro, 0 to 1.
     pub gyro_share: f32,
@@ -182,7 +184,7 @@ impl Output {
 }
 
 /// Estimates of both axles, or the joint filter.
-// There is no heap to put the larger variant on.
+// The larger variant cannot be boxed without a heap.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Tracks {
@@ -199,8 +201,9 @@ pub struct State {
     until_condition: u8,
     /// Posture of O.
     robot: Posture,
-    /// Heading of O before the last tick; motion of O in that tick by odometry alone, along the global axes.
+    /// Heading of O before the last tick.
     heading: f32,
+    /// Motion of O in the last tick by odometry alone, along the global axes.
     moved: Posture,
     beam: Beam,
 }
@@ -362,7 +365,8 @@ impl RobotFusion {
         output
     }
 
-    /// The part of the robot that the other sensors contradict.
+    /// The part of the robot that the other sensors contradict; `None` if there is no such part, or in a mode other
+    /// than the joint filter.
     pub fn inconsistent_sensor(&self, state: &State) -> Option<joint::InconsistentSensor> {
         state
             .joint()
@@ -375,7 +379,7 @@ impl RobotFusion {
     }
 
     /// Restarts from the beam and the axle whose estimate is still valid, after the other axle has lost its estimate.
-    /// `last` is the output of the step before. Estimates of the constants are lost too.
+    /// `last` is the output of the latest step. Estimates of the constants are lost too.
     pub fn rejoin(
         &self,
         state: &mut State,

@@ -61,7 +61,8 @@ impl Config {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
         walk_per_sqrt_s: 5e-3,
-        // Reached after half a minute without rest; such a bias lets an axle at rest appear to move at a few mm/s.
+        // Reached after half a minute without rest. A bias of this size makes an axle at rest appear to move at a few
+        // mm/s.
         largest_sigma: 0.03,
     };
 
@@ -151,11 +152,11 @@ impl Zeroing {
 /// Thresholds of rest; times in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestTimes {
-    /// Time with still wheels, for the gyro also with motors off.
+    /// Time for which the wheels must be still and, for the gyro, the motors off.
     pub hold: u16,
-    /// Time since the motors were last on, for the gyro.
+    /// For the gyro: shortest time since the motors were last on.
     pub settle: u32,
-    /// Largest difference of the gyro's readings in this time, rad/s.
+    /// For the gyro: largest difference of the readings since the rest began, rad/s.
     pub spread: f32,
 }
 
@@ -167,7 +168,7 @@ pub struct RestDetector {
     off: u16,
     /// Ticks since the motors were last on.
     since_on: u32,
-    /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first.
+    /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first reading.
     readings: Option<[f32; 2]>,
 }
 
@@ -184,12 +185,12 @@ impl Default for RestDetector {
     }
 }
 
-/// Parts that are at rest.
+/// Rest of the wheels and of the axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rest {
-    /// Both wheels have kept their counts for the hold time.
+    /// True if both wheels have kept their counts for the hold time.
     pub wheels: bool,
-    /// The axle does not turn either: motors off for long enough, gyro readings within the spread.
+    /// True if the axle does not turn either: motors off for long enough, gyro readings within the spread.
     pub axle: bool,
 }
 

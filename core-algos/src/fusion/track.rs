@@ -17,18 +17,18 @@ use super::intersection::Intersection;
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat, Mat3};
 
-/// Start posture of O (3), start posture of the front axle seen from the rear (3).
+/// Index of the start errors: posture of O (3), posture of the front axle seen from the rear axle (3).
 pub const START: usize = 0;
-/// The constants of [`super::constants`].
+/// Index of the constants of [`super::constants`].
 pub const SHARED: usize = START + 6;
-/// Slip of front and rear under an unmeasured load of the frame: along, across, in heading (3 each).
+/// Index of the slip of front and rear under an unmeasured load of the frame: along, across, in heading (3 each).
 pub const LOAD: usize = SHARED + constants::COUNT;
-/// Displacement of both axles by the floor, along its x and y.
+/// Index of the displacement of both axles by the floor, along the floor's x and y.
 pub const DRIFTED: usize = LOAD + 6;
 /// Number of constants.
 pub const CONSTANTS: usize = DRIFTED + 2;
 
-/// Effect of each constant, one standard deviation of it, on a posture (m, m, rad).
+/// Effect of one standard deviation of each constant on a posture (m, m, rad).
 pub type Sensitivity = Mat<3, CONSTANTS>;
 
 /// Smallest variance of the random part: (10 µm)², (10 µrad)².
@@ -41,7 +41,7 @@ pub struct Track {
     pub posture: Posture,
     /// R: covariance of the random part.
     pub random: Mat3,
-    /// S.
+    /// S: effect of the constants on the posture.
     pub constants: Sensitivity,
 }
 
@@ -88,8 +88,8 @@ impl Track {
         }
     }
 
-    /// Covariance intersection of both, and the weight of `self`. `None` if a covariance is not
-    /// positive definite or a number not finite.
+    /// Covariance intersection of `self` and `other`, and the weight of `self`. `None` if a covariance is not positive
+    /// definite or a number not finite.
     pub fn intersect(&self, other: &Self, intersection: &Intersection) -> Option<(Self, f32)> {
         let b = other.estimate();
         let fused = intersection.fuse(&self.estimate(), &b)?;

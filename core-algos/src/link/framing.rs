@@ -42,7 +42,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 pub struct SerialFrame(heapless::Vec<u8, MAX_FRAME>);
 
 impl SerialFrame {
-    /// The frame of a payload; `None` if it is empty or too long.
+    /// The frame of a payload; `None` if the payload is empty or longer than [`MAX_PAYLOAD`].
     pub fn new(payload: &[u8]) -> Option<Self> {
         if payload.is_empty() {
             return None;
@@ -67,7 +67,7 @@ impl SerialFrame {
         self.0.get(1..).unwrap_or_default()
     }
 
-    /// The bytes to send if the frame is a repetition: begins with a 0.
+    /// The bytes to send if the frame is a repetition; they begin with a 0.
     pub fn repeated(&self) -> &[u8] {
         &self.0
     }

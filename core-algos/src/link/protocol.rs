@@ -152,7 +152,7 @@ pub enum Reply<'a> {
     Hello {
         /// Protocol version of the board.
         protocol: u16,
-        /// As in the request.
+        /// Nonce of the request.
         nonce: u32,
         /// Role of the board.
         role: Role,
@@ -355,7 +355,7 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// Output of a step of the lead node at `now`, with the room it has.
+    /// Output of a step of the lead node at `now`, with the room in its buffers.
     pub fn of(now: Micros, output: lead::Output, lead: &mut LeadNode) -> Self {
         let path = lead.path_task();
         Self {
@@ -407,7 +407,7 @@ impl Spread {
     }
 }
 
-/// The frame of a numbered message; `None` if it does not fit.
+/// The frame of a numbered message; `None` if the payload would be longer than [`MAX_PAYLOAD`].
 pub fn encode<T: Serialize>(number: u8, message: &T) -> Option<SerialFrame> {
     let mut payload = [0; MAX_PAYLOAD];
     let used = postcard::to_slice(&(number, message), &mut payload).ok()?;

@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | frame | identifier and data; invalid with more than 8 bytes | |
 //! | tick | ticks since the latest recorded tick or the beginning, and changes of the counts since the latest recorded counts, all modulo 2³² | small numbers encode short |
-//! | tick, torques | both, omitted if all their bits are 0 | replay compares bits |
+//! | tick, torques | both torques, omitted if all their bits are 0 | replay compares bits |
 //! | beginning | first tick; the reference is the tick before, with counts of 0 | board and host derive the same reference |
 //! | truncated or unknown entry | nothing; decoding ends | the length of the entry is unknown |
 
@@ -29,10 +29,10 @@ pub const MAX_ENTRY: usize = 112;
 pub enum Entry<'a> {
     /// Identifier and data of a bus frame that the tick received or the board sent.
     Frame(u16, &'a [u8]),
-    /// Tick of the nodes. They received the frames of other boards since the previous tick, and their own frames of
-    /// the previous tick.
+    /// Tick of the nodes. The nodes received the frames of other boards since the previous tick, and the frames that
+    /// they sent at the previous tick.
     Tick {
-        /// Ticks since the latest recorded tick.
+        /// Ticks since the latest recorded tick, or since the tick before the beginning.
         step: u32,
         /// Samples; counts are changes since the latest recorded counts.
         samples: Samples,
@@ -60,7 +60,7 @@ impl<'a> Entry<'a> {
         Self::Frame(frame.id, frame.bytes())
     }
 
-    /// Bus frame of a valid frame entry.
+    /// Bus frame of a frame entry; `None` for another entry, or for more than 8 bytes.
     pub fn frame(&self) -> Option<CanFrame> {
         let Self::Frame(id, bytes) = *self else {
             return None;
@@ -71,7 +71,7 @@ impl<'a> Entry<'a> {
         Some(CanFrame { id, length, data })
     }
 
-    /// Encodes the entry into `room`; `None` if it does not fit.
+    /// Encodes the entry into `room`; `None` if the entry does not fit.
     pub fn encode<'b>(&self, room: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, room).ok().map(|used| &*used)
     }
@@ -223,7 +223,7 @@ mod tests {
         let counts = [9, -9, 2_000_000, 0, 1, 2, 3, 4];
         let moved = [9, -7, i32::MIN, 0, 1, 2, 3, 4];
         let beam = |counts: [i32; MAX_GAUGES]| Samples::Beam(counts.into());
-        // Tick, samples; expected step and samples of the entry. The first tick is that of the beginning.
+        // Tick and samples; expected step and samples of the entry. The nodes begin at the tick of the first row.
         for rows in [
             &[
                 (

@@ -35,7 +35,7 @@ use crate::node::robot::RobotConfig;
 use crate::time::Micros;
 use crate::topology::{Node, Role};
 
-/// Largest size of the entries in a report, bytes, less the part of the lead node's output in it.
+/// Largest size of the entries in a report, bytes. A part of the lead node's output in the report reduces this size.
 pub const REPORT_ENTRIES: usize = 232;
 /// Time between reports to a host that watches, ms.
 pub const REPORT_MS: u64 = 2;

@@ -29,7 +29,7 @@ pub enum Direction {
     From,
 }
 
-/// Board and direction of an identifier; `None` for messages.
+/// Board and direction of an identifier; `None` for an identifier outside of the table.
 pub fn address(id: u16) -> Option<(Role, Direction)> {
     let number = (id & 0xf) as u8;
     let axle = (usize::from(number) < MAX_AXLES).then_some(Role::axle(number));

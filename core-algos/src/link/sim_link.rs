@@ -42,7 +42,7 @@ use core::fmt::Write;
 /// Identity of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Build identification, at most 64 bytes.
+    /// Build identification of any length; a reply carries [`Self::short_build`].
     pub build: &'static str,
     /// Role of the board.
     pub role: Role,

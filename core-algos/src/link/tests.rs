@@ -205,7 +205,7 @@ pub(super) fn stamp(owner: u16, sequence: u16) -> Stamp {
     Stamp { owner, sequence }
 }
 
-/// Frames that a front board receives: its own, and its reports copied as reports of the other axle.
+/// Frames that a front board receives: its own frames, and copies of its reports under the rear axle's identifiers.
 pub(super) fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::CanFrame> {
     let mut echo = Vec::new();
     for frame in frames {
@@ -238,7 +238,7 @@ fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
     let (mut received, mut wanted, mut outputs, mut driven) = (Vec::new(), Vec::new(), 0, 0);
     for tick in 0..400u32 {
         let now = u64::from(tick) * TICK;
-        // Not earlier: a board that starts while the robot is driven stays off.
+        // The task begins after the start, because an axle that starts while the robot is driven stays off.
         if tick == 100 {
             board.lead().unwrap().command(command);
             host.expect(&order(Order::Task(command)), Reply::Done);

@@ -109,7 +109,7 @@ pub struct State {
     output: Output,
     /// Reference of the last step.
     followed: Option<AxleReference>,
-    /// The current stop.
+    /// Coordinated stop under way; `None` outside of a stop.
     stop: Option<Stop>,
     /// True if the stop is over.
     halted: bool,
@@ -121,7 +121,7 @@ pub struct State {
     gyro_samples: u8,
     gyro_zeroed: bool,
     mode: Option<Stamped<LeadMode>>,
-    /// True once the lead node has sent a mode without driving.
+    /// True once the lead node has sent the mode idle or clear since the start.
     paused: bool,
     steering: Steering,
     velocity: f32,
@@ -132,14 +132,14 @@ pub struct State {
     ahead: Frame,
 }
 
-/// The latest wrench and posture that a frame's board sent.
+/// The latest wrench and posture from the board of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Frame {
     wrench: Option<Stamped<Wrench>>,
     relative: Option<Stamped<Posture>>,
 }
 
-/// The frames at an axle.
+/// The frames that are joined to an axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Neighbours {
     behind: Option<FrameId>,
@@ -311,7 +311,7 @@ impl AxleNode {
         };
         let before = self.state.supervisor.operating();
         let mut permit = Permit::Off;
-        // From rest to driving in one tick: arm and start.
+        // Up to three requests in one tick, so that an axle at rest drives at once: ready, arm, start.
         for _ in 0..3 {
             input.request = self.request(now);
             permit = self
@@ -496,8 +496,8 @@ impl AxleNode {
         }
     }
 
-    /// The reference extrapolated from its epoch to `now`; `None` if the reference or the mode is too old, or the
-    /// mode is idle.
+    /// The reference extrapolated from its epoch to `now`; `None` if the reference or the mode is missing or too old,
+    /// or the mode is idle.
     fn reference(&self, now: Micros) -> Option<AxleReference> {
         let mode = self.state.mode?;
         let at_epoch = self.state.reference?;
@@ -543,7 +543,7 @@ impl AxleNode {
     /// Load of the frame behind, whose tip is at the axle, and of the frame ahead, whose root is at the axle. `bent`
     /// gives wrench and posture of each.
     fn load(&self, bent: impl Fn(&Frame) -> Option<(Wrench, Posture)>) -> Option<AxleLoad> {
-        // Moments are about the axles' midpoints already, rigid ends included.
+        // The beam boards send moments about the axles' midpoints, so the lever arm of a rigid end is 0 here.
         let behind = || {
             let (wrench, relative) = bent(&self.state.behind)?;
             Some(wrench.on_front(relative, 0.0))

@@ -19,7 +19,7 @@ use crate::topology::{FrameId, Node};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Samples {
-    /// Counts of the bridges from the root on; 0 if not fitted.
+    /// Counts of the bridges from the root on; counts beyond the last configured gauge are not used.
     pub counts: [i32; MAX_GAUGES],
     /// Conditions found by the board's drivers: converter, bus, time.
     pub conditions: Conditions,
@@ -187,7 +187,7 @@ mod tests {
         )
     }
 
-    /// Messages of the last epoch of 1.2 s.
+    /// Runs the node for 1.2 s; returns the messages of the last epoch.
     fn run(node: &mut BeamNode, counts: impl Fn(u64) -> [i32; MAX_GAUGES]) -> Vec<Message> {
         let mut outbox = Outbox::new();
         for tick in 1..=1200u64 {

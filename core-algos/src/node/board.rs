@@ -66,7 +66,7 @@ pub struct Output {
 }
 
 /// The nodes of one board.
-// There is no heap to put the larger variant on.
+// The larger variant cannot be boxed without a heap.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Board {
@@ -83,7 +83,7 @@ pub enum Board {
 
 /// Checked configuration of a board: building the nodes from it cannot fail. Nodes are large and a
 /// board's stack is small, so [`Self::begin`] is called where the nodes are to stay.
-// There is no heap to put the larger variant on.
+// The larger variant cannot be boxed without a heap.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ready {

@@ -17,8 +17,9 @@
 use crate::bus::Message;
 use crate::time::{EPOCH, Micros, TICK};
 
-/// Share of an error that corrects the offset, and the rate (per epoch), of each pair.
+/// Share of a pair's error that is added to the offset.
 const OFFSET_GAIN: f32 = 0.02;
+/// Share of a pair's error that is added to the rate, per epoch.
 const RATE_GAIN: f32 = 1e-4;
 /// Limit of the estimated rate between two crystals, 200 ppm, in µs per epoch.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
@@ -45,15 +46,15 @@ pub struct CommonClock {
 struct Fit {
     /// Local time the line is anchored at.
     local: Micros,
-    /// Common less local time there: whole microseconds, and the rest.
+    /// Common less local time at `local`: whole microseconds in `offset`, the fraction in `rest`.
     offset: i64,
     rest: f32,
-    /// Gain of the common time in an epoch, µs.
+    /// Advance of the common time relative to local time in an epoch, µs.
     rate: f32,
 }
 
 impl Fit {
-    /// The offset at `local`, whole microseconds and the rest.
+    /// Common less local time at `local`: whole microseconds, and the fraction.
     fn at(&self, local: Micros) -> (i64, f32) {
         let epochs = local.saturating_sub(self.local) as f32 / EPOCH as f32;
         let rest = self.rest + self.rate * epochs;
@@ -151,15 +152,16 @@ impl Tick {
         }
     }
 
-    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms, or within 0.05 ms if the
-    /// tick before was out of step. This hysteresis keeps an error near the limit from letting single ticks through.
+    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms if the tick before was in step
+    /// (`before`), otherwise within 0.05 ms. Without this hysteresis an error near the limit would let single ticks
+    /// through.
     pub fn in_step(&self, before: bool) -> bool {
         self.late_us.abs() <= if before { 2 * LOCK_US } else { LOCK_US }
     }
 
-    /// Counts by which the period of the board's timer is to differ from the nominal one until the
-    /// next tick: −1, 0 or 1 near the millisecond. Far from it four times that, since one count in 4200 gains
-    /// little on a crystal that is off by 200 ppm.
+    /// Counts by which the period of the board's timer is to differ from the nominal period until the next tick: −1, 0
+    /// or 1 near the millisecond, −4 or 4 far from the millisecond. One count in 4200 would gain little on a crystal
+    /// that is off by 200 ppm.
     pub fn trim(&self) -> i8 {
         // A tick that comes late needs shorter periods.
         -(self.late_us.signum() as i8) * if self.in_step(false) { 1 } else { 4 }

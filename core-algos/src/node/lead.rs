@@ -125,11 +125,11 @@ pub struct State {
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
-    /// Goal or target of the task, as of the last step.
+    /// Goal of the regulation or target on the path, as of the last step; `None` for other tasks.
     aim: Option<Posture>,
     /// Time for which the motors have held the robot in place.
     held: Micros,
-    /// Time since the lead node was armed.
+    /// Time for which the lead node has been armed or active, without a break.
     armed: Micros,
     /// True if the motors have held the robot for the longest allowed time; they stay off until the next command.
     released: bool,
@@ -190,7 +190,8 @@ impl From<path_task::PathStep> for Decision {
 pub struct LeadNode {
     with: Algorithms,
     own: CustomController,
-    /// Kept outside the state, which passes over the stack: the buffers are three times as large.
+    /// Buffers of path and trajectory. Outside of `state`, which passes over the stack: the buffers are three times as
+    /// large as `state`.
     path_task: path_task::State,
     state: State,
 }
@@ -303,7 +304,7 @@ impl LeadNode {
                 return;
             }
         }
-        // All ticks but those for the reports, the step, and possibly the fusion.
+        // Ticks of an epoch that plan ahead: all except those of the reports, of the step and of the fusion.
         let ticks = (EPOCH / TICK) as u32 - 3;
         self.with
             .regulator
@@ -500,7 +501,7 @@ impl LeadNode {
             ..supervisor::Input::default()
         };
         let mut output = supervisor::Output::default();
-        // From rest to driving in one step: ready, arm and start.
+        // Up to three requests in one step, so that a robot at rest drives at once: ready, arm, start.
         for _ in 0..3 {
             input.request = self.request(fused);
             output = self
@@ -520,7 +521,7 @@ impl LeadNode {
         output
     }
 
-    /// Counts the times for which the robot has been held, and armed.
+    /// Counts the time for which the robot has been held, and the time for which it has been armed or active.
     fn hold(&mut self, operating: OperatingState) {
         let state = &mut self.state;
         match operating {

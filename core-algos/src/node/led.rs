@@ -106,7 +106,7 @@ mod tests {
         led
     }
 
-    /// Lengths of the lit and dark stretches from 0 to `ms`, s.
+    /// Intervals from 0 to `ms`: true if lit, and duration in s.
     fn stretches(led: Led, ms: u32) -> Vec<(bool, f64)> {
         let mut found: Vec<(bool, f64)> = Vec::new();
         for ms in 0..ms {

@@ -92,7 +92,7 @@ impl Config {
     }
 }
 
-/// Path and trajectory, and how far the robot is along them.
+/// Path and trajectory, and the progress of the robot along them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     path: PathBuffer<PATH_POINTS>,
@@ -100,9 +100,9 @@ pub struct State {
     progress: Progress,
     /// Start time of the trajectory, and the trajectory time at that start.
     start: Option<(Micros, f32)>,
-    /// The end has been reached and the robot is being brought to rest.
+    /// True once the end has been reached: the robot is brought to rest and stays at rest.
     resting: bool,
-    /// True if the robot is too far from the path or trajectory.
+    /// True once the robot was too far from its path or trajectory.
     lost: bool,
     /// Time without motion.
     stuck: Stuck,
@@ -203,11 +203,11 @@ impl State {
 /// Output of the path task at an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathStep {
-    /// Input of the governor; `None`: brake and keep the bend.
+    /// Input of the governor; `None` to brake and keep the bend.
     pub governor_input: Option<GovernorInput>,
     /// Target posture of O; `None` without a path.
     pub target: Option<Posture>,
-    /// The end has been reached and the robot is at rest.
+    /// True if the end has been reached and the robot is at rest.
     pub done: bool,
     /// True if the robot should move and did not.
     pub stuck: bool,
@@ -222,11 +222,11 @@ pub struct PathTask {
     max_deviation: f32,
 }
 
-/// State of a task at an epoch, for its end.
+/// State of a path or trajectory at an epoch, from which [`PathTask::conclude`] decides on the end of the task.
 struct Course {
-    /// Reached the end of the path, or of the time of the trajectory.
+    /// True at the end of the path, or once the time of the trajectory is over.
     finished: bool,
-    /// Posture of the end: near the end of a complete path, or once the time of the trajectory is over.
+    /// Last posture; `None` until the robot is near the end of a complete path, or the time of the trajectory is over.
     end: Option<Posture>,
     /// True if the robot must move.
     asked: bool,

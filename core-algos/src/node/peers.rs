@@ -12,7 +12,7 @@ const MOST: usize = 1 + MAX_AXLES;
 /// Age above which a heartbeat no longer counts, µs.
 const TIMEOUT: Micros = layout::timeout_ms(layout::id::NODE_STATUS) as Micros * 1000;
 
-/// Index of a node's heartbeat.
+/// Index of a node's heartbeat; beyond the list for a node that is not watched.
 const fn place(node: Node) -> usize {
     match node {
         Node::Lead => 0,

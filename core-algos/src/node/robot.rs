@@ -94,7 +94,7 @@ pub struct ConfiguredPlacement {
 }
 
 impl Default for ConfiguredPlacement {
-    /// Placed by eye on a thick carpet.
+    /// Robot placed by eye on a thick carpet.
     fn default() -> Self {
         Self {
             placement_m: 5e-3,
@@ -200,7 +200,7 @@ impl RobotConfig {
         Ok(())
     }
 
-    /// Axles of the robot.
+    /// Topology of the robot: two axles.
     pub const fn topology(&self) -> Topology {
         Topology::PAIR
     }

@@ -39,7 +39,7 @@ impl RoleConflict {
     }
 }
 
-/// Role of the board that sends a message about itself.
+/// Role of the board that a message is about; `None` for a message that is not about its sender.
 fn sender(message: &Message) -> Option<Role> {
     match message {
         Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. } => Some(*board),

@@ -94,7 +94,7 @@ pub(crate) fn supervisor_in(state: OperatingState) -> supervisor::State {
     at
 }
 
-/// Conditions, a change beyond their limit, and a change just within.
+/// Conditions of a cause, a change beyond the limit of the cause, and a change just within the limit.
 pub(crate) type Cause<T> = (&'static [Condition], fn(&mut T), fn(&mut T));
 
 /// Asserts that each cause beyond its limit sets its conditions and that just within the limit it sets none, alone

@@ -30,7 +30,7 @@ pub enum TickStep {
 /// Tick synchronisation of one board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TickSync {
-    /// `None` on the front board.
+    /// Common time from the front board's messages; `None` on the front board.
     clock: Option<CommonClock>,
     last: Option<Micros>,
     in_step: bool,
@@ -121,7 +121,7 @@ impl TickSync {
         }
         let began = self.epoch_began.replace(now);
         let last_delay_us = match (began, self.sent.take()) {
-            // Only the delay of the epoch just before.
+            // A `TimeSync` carries only the delay of the epoch directly before.
             (Some(began), Some(sent)) if began + EPOCH == now => sent
                 .checked_sub(began)
                 .filter(|&delay| delay < EPOCH)
@@ -134,8 +134,8 @@ impl TickSync {
         })
     }
 
-    /// Counts by which the period of the board's timer is to differ from the nominal one until the next tick: −1, 0
-    /// or 1 near the millisecond, four times that far from it.
+    /// Counts by which the period of the board's timer is to differ from the nominal period until the next tick: −1, 0
+    /// or 1 near the millisecond, −4 or 4 far from the millisecond.
     pub fn trim(&self) -> i8 {
         self.trim
     }
@@ -145,7 +145,7 @@ impl TickSync {
         self.in_step
     }
 
-    /// Common time of the latest tick that ran the nodes.
+    /// Common time of the latest tick that ran the nodes; `None` before the first.
     pub fn last(&self) -> Option<Micros> {
         self.last
     }

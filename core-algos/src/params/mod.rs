@@ -184,12 +184,13 @@ fn check_beam(robot: &RobotConfig, frame: FrameId) -> Result<(), ConfigError> {
     robot.build_beam(frame).map(|_| ())
 }
 
-/// Proof that the motors are off. A flash write requires it, because it halts the core: an erase for half a second.
+/// Proof that the motors are off. A flash write requires this proof, because the write halts the core: an erase for
+/// half a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Disarmed(());
 
 impl Disarmed {
-    /// The proof, if the state of the node allows no torque.
+    /// The proof, if the operating state permits no torque; `None` otherwise.
     pub const fn by(state: OperatingState) -> Option<Self> {
         match state.permit() {
             Permit::Off => Some(Self(())),
@@ -207,7 +208,7 @@ impl Disarmed {
         }
     }
 
-    /// The proof on a board without motors, from the motor state on the bus.
+    /// The proof on a board without motors, from the motor state on the bus; `None` if motors are on.
     pub const fn when(motors_off: bool) -> Option<Self> {
         if motors_off { Some(Self(())) } else { None }
     }

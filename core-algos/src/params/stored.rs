@@ -75,8 +75,8 @@ impl Manifest {
         bytes
     }
 
-    /// Decodes a manifest; `None` if it is too long or of another version. A manifest of a program with fewer
-    /// identifiers is shorter: nothing was stored for the missing ones.
+    /// Decodes a manifest; `None` if it is too long, has no generation or is of another version. A manifest of a
+    /// program with fewer identifiers is shorter: nothing was stored for the missing identifiers.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let rest = bytes.strip_prefix(&[MANIFEST_VERSION])?;
         let (generation, listed) = rest.split_first_chunk()?;
@@ -124,7 +124,8 @@ impl Source {
 pub struct StoreReport {
     /// Source of each parameter, in the order of the table.
     pub sources: [Source; COUNT],
-    /// The manifest of the last save is missing, or a store that is not blank has no readable item: values may be lost.
+    /// True if the manifest of the last save is missing, or a store that is not blank has no readable item: values may
+    /// be lost.
     pub unverified: bool,
     /// Error for which the stored values were rejected as a set; the defaults are used.
     pub unusable: Option<ConfigError>,
@@ -154,7 +155,7 @@ impl StoreReport {
         }
     }
 
-    /// Number of values from the store.
+    /// Number of usable stored values. If the set is unusable, none of them is used.
     pub fn stored(&self) -> usize {
         self.sources
             .iter()
@@ -162,7 +163,7 @@ impl StoreReport {
             .count()
     }
 
-    /// First parameter that must be reported to the user.
+    /// First parameter that must be reported to the user; `None` if there is none.
     pub fn first(&self) -> Option<&'static Parameter> {
         if let Some(error) = self.unusable {
             return find(error.field);
@@ -185,7 +186,7 @@ pub struct Contents {
     manifest: Option<Manifest>,
     /// The largest generation found.
     newest: u32,
-    /// The store is not blank and has no readable item.
+    /// True if the store is not blank and has no readable item.
     unreadable: bool,
 }
 

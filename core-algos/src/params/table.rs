@@ -44,12 +44,12 @@ impl Parameter {
         self.get(&Settings::default())
     }
 
-    /// Meaning of the parameter.
+    /// First sentence of the parameter's meaning.
     pub fn meaning(&self) -> &'static str {
         self.field().map_or("", Field::summary)
     }
 
-    /// Meaning of the table that holds the parameter.
+    /// First sentence of the meaning of the table that holds the parameter; empty if the table has none.
     pub fn table_meaning(&self) -> &'static str {
         let table = self.name.rsplit_once('.').map_or("", |(table, _)| table);
         match find_field(Settings::FIELDS, table) {
@@ -110,7 +110,7 @@ pub fn fingerprint() -> u32 {
     hash
 }
 
-/// Parameter with this name.
+/// Parameter with this name; `None` if no parameter has the name.
 pub fn find(name: &str) -> Option<&'static Parameter> {
     TABLE.iter().find(|parameter| parameter.name == name)
 }
@@ -150,7 +150,7 @@ macro_rules! access {
     };
 }
 
-/// Path with dots: `stringify!` sets spaces around them.
+/// Path with dots and without spaces; `stringify!` of a whole path sets spaces around the dots.
 macro_rules! path {
     ($first:ident $(.$rest:ident)*) => {
         concat!(stringify!($first) $(, ".", stringify!($rest))*)

@@ -15,7 +15,7 @@ pub enum Allowed {
     Finite,
     /// Between the two bounds, both included.
     Range(f32, f32),
-    /// One of a list.
+    /// One of the listed numbers.
     OneOf(&'static [f32]),
     /// A condition that a range cannot state; refuses every value.
     Condition(&'static str),

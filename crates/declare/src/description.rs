@@ -7,7 +7,7 @@ use crate::Allowed;
 pub struct Field {
     /// Key in a file.
     pub name: &'static str,
-    /// Doc comment, its lines joined; each begins with a space.
+    /// Doc comment, lines joined; each line begins with a space.
     pub doc: &'static str,
     /// Form of the value.
     pub kind: Kind,
@@ -38,7 +38,7 @@ pub enum Kind {
 pub struct Choice {
     /// Name in a file.
     pub name: &'static str,
-    /// Doc comment, as that of a [`Field`].
+    /// Doc comment, in the form of [`Field::doc`].
     pub doc: &'static str,
 }
 
@@ -91,7 +91,7 @@ impl Choice {
     }
 }
 
-/// Field at a path of keys separated by dots; `None` if there is none.
+/// Field at a path of keys separated by dots; `None` if no field has this path.
 pub const fn find(fields: &'static [Field], path: &str) -> Option<Field> {
     let bytes = path.as_bytes();
     let (mut fields, mut start) = (fields, 0);

@@ -17,13 +17,13 @@ use crate::rules::{Presses, task_of_press};
 pub struct Button {
     pin: Input<'static>,
     presses: Presses,
-    /// Start of a drive to the button's own goal.
+    /// Posture that a drive starts from if the lead node has no estimate, or by [`Press::StartAndGoal`].
     start: Placement,
     settings: params::Button,
 }
 
 impl Button {
-    /// Button on its pin; a drive to the button's own goal begins at `start`.
+    /// Button on its pin. A drive begins at `start` if the lead node has no estimate, or by [`Press::StartAndGoal`].
     pub fn new(pin: Peri<'static, PA0>, start: Placement, settings: params::Button) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),

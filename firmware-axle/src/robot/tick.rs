@@ -43,10 +43,10 @@ pub struct AxleReport {
     pub inertial: bool,
 }
 
-/// The loop's parts of the tick.
+/// State of the tick that all boards share, on this board's chip.
 type Common = tick_loop::Common<Chip>;
 
-/// Parts of the axle that the tick works with.
+/// Devices, nodes and limits that the axle's tick works with.
 pub struct Axle {
     /// Motors.
     pub motors: Motors,
@@ -64,7 +64,7 @@ pub struct Axle {
     pub winding: Winding,
     /// Limits of drivers and supply.
     pub drive: Drive,
-    /// State of the parameters at the start.
+    /// Conditions from reading the stored parameters at the start.
     pub parameters: Conditions,
 }
 
@@ -106,7 +106,7 @@ impl BoardTick for AxleTick {
         Some((self.axle.motors.tick().await, ()))
     }
 
-    /// Executes orders of button and host before messages are received, as a replay does.
+    /// Reads the sensors and executes orders of button and host, before messages are received, as in a replay.
     fn begin(&mut self, local: Micros, (): (), common: &mut Common) -> Sampled {
         let feedback = self.axle.motors.feedback();
         let encoder = self.axle.encoders.read();
@@ -215,7 +215,7 @@ impl AxleTick {
     fn take_orders(&mut self, now: Micros, common: &mut Common) {
         let Axle { button, nodes, .. } = &mut self.axle;
         button.step(now, nodes, &mut common.link);
-        // In a tick in which the lead node has little other work.
+        // One tick before the lead node's step, because the lead node has little other work then.
         if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
             common.link.execute_orders(lead);
         }

@@ -43,7 +43,8 @@ pub struct Parts {
 pub struct Block {
     /// Local time at the end of the last conversion.
     pub local: Micros,
-    /// Counts of the bridges, 0 to [`FULL_SCALE`]; all [`MISSING`] if the excitation is invalid.
+    /// Counts of the bridges, 0 to [`FULL_SCALE`]; [`MISSING`] beyond the last bridge, and everywhere if the excitation
+    /// is invalid.
     pub counts: [i32; MAX_GAUGES],
     /// Excitation divided by its nominal value.
     pub excitation: f32,

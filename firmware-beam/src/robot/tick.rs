@@ -46,7 +46,7 @@ pub struct BeamReport {
     pub noise: Option<[f32; MAX_GAUGES]>,
 }
 
-/// The loop's parts of the tick.
+/// State of the tick that all boards share, on this board's chip.
 type Common = tick_loop::Common<Chip>;
 
 /// Signals between the tick and the store, to save a calibration.
@@ -57,7 +57,7 @@ pub struct Saving {
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 
-/// Parts of the beam that the tick works with.
+/// Devices, node and calibration that the beam's tick works with.
 pub struct Beam {
     /// Bridges.
     pub bridges: Bridges,
@@ -69,7 +69,7 @@ pub struct Beam {
     pub procedure: Procedure,
     /// Signals to and from the store.
     pub saving: &'static Saving,
-    /// State of the parameters at the start.
+    /// Conditions from reading the stored parameters at the start.
     pub parameters: Conditions,
 }
 
@@ -119,7 +119,7 @@ impl BoardTick for BeamTick {
         block.map(|block| (block.local, block))
     }
 
-    /// Restarts the node for a host that records.
+    /// Restarts the node if a host begins to record and the motors are off.
     fn begin(&mut self, local: Micros, block: Block, common: &mut Common) -> Block {
         if let Some(last) = common.sync.last()
             && common.link.take_begin()

@@ -303,7 +303,7 @@ impl RunLinks {
         bytes
     }
 
-    /// Expected bytes at a reply of another board: one reply per relayed request.
+    /// Expected bytes to the host after a reply of another board: one reply per relayed request.
     pub fn relayed(&mut self, port: usize, from: Role, payload: &[u8]) -> Vec<u8> {
         let port = &mut self.ports[port];
         // Number, variant and length precede the payload.

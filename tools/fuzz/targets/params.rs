@@ -44,7 +44,7 @@ fuzz_target!(|data: &[u8]| {
     let kind = bytes.byte();
     let (mut flash, saved) = SAVED.clone();
     if kind & 1 == 0 {
-        // Random bytes at random places.
+        // Sound content with random bytes at random places.
         while !bytes.is_empty() {
             let place = usize::from(u16::from_le_bytes(bytes.array())) % flash.bytes.len();
             flash.bytes[place] = bytes.byte();

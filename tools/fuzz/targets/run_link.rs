@@ -117,7 +117,7 @@ impl BoardBench {
         self.receive(port, &stream, &frames);
     }
 
-    /// Number and request.
+    /// Payload with a number and a request, or with a number and arbitrary bytes.
     fn payload(&mut self, port: usize, bytes: &mut Bytes) -> Vec<u8> {
         let number = &mut self.numbers[port];
         *number = match bytes.byte() {
@@ -281,8 +281,8 @@ fn damage(frame: &mut Vec<u8>, bytes: &mut Bytes) {
     }
 }
 
-/// Payload of a frame with a right checksum. Damage to the length of the last block may leave the payload unchanged.
-/// After four bytes 0xff the checksum ignores zeros; no request begins with these bytes.
+/// Payload of a frame; `None` unless the checksum is right. Damage to the length of the last block may leave the
+/// payload unchanged. After four bytes 0xff the checksum ignores zeros; no request begins with these bytes.
 fn payload_of(frame: &[u8]) -> Option<Vec<u8>> {
     let mut decoder = Decoder::new();
     let mut payloads = frame

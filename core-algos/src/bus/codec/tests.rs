@@ -16,7 +16,7 @@ fn quantities() -> impl Iterator<Item = (&'static Signal, &'static layout::Layou
     })
 }
 
-/// Half a unit beyond the range, computed in double precision.
+/// Bounds of the values that are rounded into the range: half a unit beyond the range, in double precision.
 fn bounds(signal: &Signal) -> [f64; 2] {
     let (low, high) = signal.raw_range();
     let (scale, offset) = (f64::from(signal.scale), f64::from(signal.offset));
@@ -162,7 +162,7 @@ properties! {
 properties! {
     cases 20_000;
 
-    /// Half of the frames have an identifier of the table.
+    /// Half of the drawn frames have an identifier of the table.
     #[test]
     fn any_frame_decodes_or_is_refused(
         id in prop_oneof![
@@ -221,7 +221,7 @@ fn nan_infinity_and_value_out_of_range_are_refused_by_name() {
     assert!(send(covariance).is_err());
 }
 
-/// Rounding may produce correlations of no valid covariance; they shrink no further than necessary.
+/// Rounding may produce correlations that no valid covariance has. They shrink no further than necessary.
 #[test]
 fn impossible_correlations_shrink_by_3_percent_or_vanish() {
     for (sent, share) in [
@@ -255,7 +255,7 @@ fn signal_range_ends_at_the_extreme_raw_values() {
     }
 }
 
-/// Tests with a temperature, whose unit is 1 °C: halves are exact.
+/// Tests a temperature, because its unit is 1 °C and halves are exact.
 #[test]
 fn halves_are_rounded_away_from_zero() {
     let temperature = quantities().map(|(signal, _)| signal);

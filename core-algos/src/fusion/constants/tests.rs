@@ -135,7 +135,8 @@ fn increment_error_equals_that_of_unequal_wheels_and_tyres() {
     }
 }
 
-/// Below and above the limit of the friction share; at the limit by a difference from above.
+/// Relative headings below and above the limit of the friction share. At the limit the slope jumps, and the reference
+/// is a difference from above.
 #[test]
 fn error_follows_the_relative_heading_by_its_derivative() {
     let tyres = Tyres {
@@ -195,7 +196,7 @@ fn axle_index_above_one_counts_as_the_rear() {
     assert_eq!(rear, other);
 }
 
-/// The series of small angles and the quotient of large ones.
+/// Covers the series for small angles and the quotient for large angles.
 #[test]
 fn shortening_is_half_the_logarithmic_derivative_of_sinc() {
     for k in 1..=150 {

@@ -93,9 +93,9 @@ enum Noise {
     /// Constant Q, factorised.
     Fixed(Mat<N, N>),
     Densities {
-        /// Variance along, across, in heading, per metre.
+        /// Variances of slip along the heading, across it and in heading, per metre.
         per_m: [f32; 3],
-        /// Variance along, across, in heading, per step.
+        /// Variances of slip along the heading, across it and in heading, per step.
         per_step: [f32; 3],
         /// Variance of the change of v̇ in a step; the jerk is constant over the step.
         jerk: f32,
@@ -130,9 +130,9 @@ pub struct AxleFilter {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Measurements {
-    /// Speed of the left wheel over ground, m/s, or its advance in the period over the period.
+    /// Speed of the left wheel over ground, m/s: at the step, or mean of the period.
     pub left_m_s: Option<f32>,
-    /// Speed of the right wheel over ground, m/s.
+    /// Speed of the right wheel over ground, m/s: at the step, or mean of the period.
     pub right_m_s: Option<f32>,
     /// Yaw rate, rad/s.
     pub gyro_rad_s: Option<f32>,
@@ -162,7 +162,7 @@ pub struct Refusals {
     pub invalid: u32,
     /// Samples beyond the innovation gate.
     pub gated: u32,
-    /// Samples beyond the gate since the last accepted one.
+    /// Samples beyond the gate since the last accepted sample.
     in_a_row: u16,
 }
 
@@ -213,28 +213,28 @@ impl Refusals {
 /// Verdicts on the measurements of one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verdicts {
-    /// Left wheel.
+    /// Verdict on the left wheel's speed.
     pub left: Verdict,
-    /// Right wheel.
+    /// Verdict on the right wheel's speed.
     pub right: Verdict,
-    /// Gyro.
+    /// Verdict on the gyro's yaw rate.
     pub gyro: Verdict,
-    /// Accelerometer.
+    /// Verdict on the accelerometer's acceleration.
     pub accelerometer: Verdict,
 }
 
 /// Counters of rejected samples of all sensors of an axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Left wheel.
+    /// Rejected speeds of the left wheel.
     pub left: Refusals,
-    /// Right wheel.
+    /// Rejected speeds of the right wheel.
     pub right: Refusals,
-    /// Gyro.
+    /// Rejected yaw rates of the gyro.
     pub gyro: Refusals,
-    /// Accelerometer.
+    /// Rejected accelerations of the accelerometer.
     pub accelerometer: Refusals,
-    /// Posture fix.
+    /// Rejected posture fixes.
     pub fix: Refusals,
 }
 
@@ -242,10 +242,10 @@ pub struct Counters {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     posture: [TwoFloat; 3],
-    /// v, φ̇, v̇, φ̈.
+    /// Motion states v, φ̇ (m/s, rad/s) and v̇, φ̈ (m/s², rad/s²).
     motion: [f32; M],
     covariance: Covariance,
-    /// Step within the upkeep period.
+    /// Number of the last step within the upkeep period.
     upkeep: u8,
     /// Rejected samples so far.
     pub counters: Counters,

@@ -10,13 +10,15 @@ use super::{AxleFilter, State, Verdict};
 /// Least squares over a subset of (left, right, gyro) that determines both v and φ̇.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reduction {
-    /// Weights of the sensors' innovations in the innovation of v; the noise variance of this v.
+    /// Weights of the innovations of left, right and gyro in the innovation of v.
     speed_weights: [f32; 3],
+    /// Noise variance of the measured v.
     speed_variance: f32,
     /// c: covariance of φ̇ and v over the variance of v.
     coupling: f32,
-    /// Weights of the sensors' innovations in the innovation of φ̇ − c v; its noise variance.
+    /// Weights of the innovations of left, right and gyro in the innovation of φ̇ − c v.
     yaw_weights: [f32; 3],
+    /// Noise variance of the measured φ̇ − c v.
     yaw_variance: f32,
 }
 

@@ -189,7 +189,7 @@ fn drive(random: &mut Random, time: f64, sigmas: [f32; 4], loss: f64) -> Measure
     }))
 }
 
-/// Left and right wheel, gyro, accelerometer.
+/// Measurements from the values of left wheel, right wheel, gyro and accelerometer.
 fn measured(values: [Option<f32>; 4]) -> Measurements {
     let [left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2] = values;
     Measurements {
@@ -204,7 +204,7 @@ fn as_wide(m: &Measurements) -> [Option<f64>; 4] {
     [m.left_m_s, m.right_m_s, m.gyro_rad_s, m.acceleration_m_s2].map(|z| z.map(f64::from))
 }
 
-/// Noise levels of a case.
+/// Standard deviations of a case: `q` process noise, `p` start, `r` wheels, gyro and accelerometer, `fix` posture fix.
 struct Levels {
     q: [f32; 7],
     p: [f32; 7],
@@ -421,7 +421,7 @@ fn heading_wraps_in_state_and_innovation() {
     for side in [1.0, -1.0] {
         let at = [0.0, 0.0, side * (pi - 0.01), 0.0, 0.0, 0.0, 0.0];
         let mut state = State::from_parts(at, &matrix::diagonal([1e-4; 7]));
-        // Seen 0.02 rad further on, beyond the wrap: halfway is the wrap itself.
+        // The fix lies 0.02 rad further, beyond the wrap; with equal variances the estimate moves halfway, to the wrap.
         let measured = Posture::new(0.0, 0.0, -side * (pi - 0.01));
         filter.update_fix(&mut state, &measured, &fix);
         assert!((state.posture().phi.abs() - pi).abs() < 1e-5);
@@ -457,7 +457,7 @@ fn sample_not_finite_is_counted_and_changes_nothing() {
 fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
     let mut refusals = Refusals::default();
     let nan = refusals.verdict(|| f32::NAN, Some(20.0), 5);
-    // An infinite square over an infinite variance.
+    // Squared innovation and variance are infinite, so the NIS is NaN.
     let undefined = refusals.scalar_verdict(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
     assert_eq!([nan, undefined], [Verdict::Gated; 2]);
 
@@ -515,7 +515,7 @@ fn outlier_is_gated_and_a_persistent_deviation_is_accepted() {
             assert_eq!(all, [Verdict::Used; 4]);
             own
         };
-        // A rejected sample changes nothing but the counter of its own sensor.
+        // A rejected sample changes only the counter of its sensor.
         let mut plain = state;
         assert_eq!(verdict(filter.step(&mut state, &spike)), Verdict::Gated);
         filter.step(&mut plain, &without);
@@ -769,7 +769,7 @@ fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
         for (acceleration, noise) in [(36.0, 5e-3), (54.0, 1e-3)] {
             let (refused, worst) = run(density, acceleration, noise, seed);
             assert!(refused <= 2, "{acceleration} {noise} {seed}: {refused}");
-            // A lag of 1 ms at 1 rad/s, and noise.
+            // The lag of 1 ms at 1 rad/s is 1 mrad; the rest is noise.
             assert!(worst < 1.6e-3, "{acceleration} {noise} {seed}: {worst}");
         }
         // With too little noise of the yaw jerk both assertions above fail.

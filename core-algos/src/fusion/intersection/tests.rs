@@ -214,7 +214,7 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    // Also if the other input would be kept alone.
+    // A posture that is not finite is refused even if the fused estimate would be the other input alone.
     for (criterion, size) in [Criterion::Determinant, Criterion::Trace]
         .into_iter()
         .flat_map(|criterion| [0.01, 1.0, 100.0].map(|size| (criterion, size)))
@@ -283,7 +283,8 @@ fn upper_triangles_are_not_read() {
     }
 }
 
-/// Inputs whose best weight is exactly 0 or 1, or close to it: the criterion's slope there is zero, or nearly.
+/// The best weight of these inputs is 0 or 1, or close to 0 or 1, because the criterion's slope at the end is zero or
+/// nearly zero.
 #[test]
 fn weights_at_or_near_zero_and_one_are_exact() {
     let identity = diagonal([1.0; 3]);

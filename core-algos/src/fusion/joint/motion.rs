@@ -32,7 +32,7 @@ pub(super) struct Motion {
 
 impl Motion {
     /// Errors of the rear axle's posture and of the relative posture after the tick, from the errors of all states
-    /// before.
+    /// before the tick.
     pub(super) fn apply(&self, states: &[f32; N]) -> [f32; 6] {
         let front = self.front_error.of::<0>(states);
         let rear = self.rear_error.of::<1>(states);

@@ -119,8 +119,9 @@ impl Config {
     }
 }
 
-/// Standard deviations of the constants for the modes without the joint filter: the priors of that filter, with the
-/// whole slip of the tyres added, because only the joint filter subtracts its modelled part.
+/// Standard deviations of the constants for the modes without the joint filter: the priors of the joint filter, with
+/// the random walk of the gyros' biases and the modelled slip of the tyres added. Only the joint filter subtracts the
+/// modelled slip.
 fn sigmas(joint: &joint::Joint, config: &joint::Config) -> [f32; constants::COUNT] {
     let mut own = joint.prior_sigmas();
     // A bias walk adds walk²·T³/3 to the heading variance in a time T. A constant bias of variance walk²·T/3 adds the

@@ -7,7 +7,7 @@ use crate::math::RelativeHeading;
 /// An increment with slip.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slipping {
-    /// Covariance along, across and in the heading reached.
+    /// Increment, with its covariance along, across and in the heading reached.
     pub(super) estimate: Estimate,
     /// Variance of the heading change, with constant errors as random walks.
     pub(super) heading_variance: f32,

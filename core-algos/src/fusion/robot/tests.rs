@@ -297,7 +297,7 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
         expected[2][2] += (1.0 - gyro) * (per_m * distance + per_s * time);
         let error = covariance_error(&found.estimate.covariance, &expected);
         assert!(error < 1e-5, "{x} {heading}: {error}");
-        // Over a metre and a second a constant turns as far as a random walk of its size.
+        // Over 1 m (wheels) or 1 s (gyro) a constant error turns the axle as far as a random walk of equal size.
         let by_wheels =
             sigmas[constants::DRIFT].powi(2) + bend * sigmas[constants::COMPLIANCE].powi(2);
         let by_gyro = sigmas[constants::GYRO_BIAS] * gyro;
@@ -492,7 +492,7 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
         };
         let by = [0, 1].map(derivative);
         let by_beam = constants::beam_by_constants(posture);
-        // True less estimated relative posture; the constants of the beam add to its reading.
+        // True less estimated relative posture; the constants of the beam add to the beam's reading.
         let owed = |i: usize, k: usize| -> f64 {
             let of_axles =
                 (0..6).map(|n| by[n / 3][i][n % 3] * f64::from(before[n / 3].constants[n % 3][k]));

@@ -33,7 +33,7 @@ fn bias_error_equals_its_claimed_standard_deviation() {
     let averaged = 4.9e-5 / (2.0f64 * 0.4).sqrt();
     assert!(claimed > averaged && claimed < 1.1 * averaged, "{claimed}");
     assert!((rms / claimed - 1.0).abs() < 0.15, "{rms} {claimed}");
-    // In the long run the fourth root of walk² · noise density.
+    // In the long run the standard deviation is the fourth root of walk² · noise²/2.
     let (rms, claimed) = remaining(10_000);
     let steady = (5e-5 * 4.9e-5 / 2f64.sqrt()).sqrt() * 1.0f64;
     assert!((claimed / steady - 1.0).abs() < 0.05, "{claimed} {steady}");
@@ -203,7 +203,7 @@ fn rested(times: &RestTimes) -> RestDetector {
     detector
 }
 
-/// One tick with each set of inputs disturbed, each in several ways.
+/// Each combination of counts, motors and gyro reading is disturbed for one tick, with several values.
 #[test]
 fn rest_ends_with_any_disturbance_and_returns_after_its_whole_time() {
     let spread = 0.01f32;
@@ -227,7 +227,7 @@ fn rest_ends_with_any_disturbance_and_returns_after_its_whole_time() {
                 step(&mut detector, disturbed, &times),
                 Rest { wheels, axle }
             );
-            // Counts change once more, back to those of before.
+            // At the next tick the counts change back, which is a change too.
             let wheels_after = if wheels { 0 } else { 4 };
             let gyro_after = if turns { 3 } else { 0 };
             let motors_after = if motors_on { settle.max(3) } else { 0 };

@@ -506,7 +506,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     assert!(board.request(9, &of(2, 1), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     board.done(Ok(()));
-    // A place order refused as armed renews the lease; a record refused as armed does not.
+    // A `SetPose` refused as armed renews the lease; a `Record` refused as armed does not.
     board.station.now = 2_000_001;
     let stand = Request::Order {
         stamp: stamp(2, 2),

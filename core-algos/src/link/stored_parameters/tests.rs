@@ -94,7 +94,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
             host.expect(&get, kept(value, Source::Default, true));
         }
     }
-    // In range, but beyond the next gauge.
+    // 0.2 m is in range, but the first gauge would lie beyond the second, so no node can be built.
     let gauge = index("robot.beam.strip.gauges_m[0]");
     host.expect(&set(gauge, 0.2), Reply::Done);
     let payload = host.request(&Request::SaveParameters);
@@ -217,7 +217,7 @@ fn store_without_valid_node_is_unusable() {
         (Role::axle(1), false),
         (Role::LEAD, false),
     ] {
-        // Beyond the next gauge.
+        // The first gauge lies beyond the second, so no beam node can be built.
         let behind = contents(role, &[(gauge, 0.2)]);
         let mut stored = StoredParameters::new(role);
         stored.load(&behind);

@@ -221,7 +221,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
     assert_eq!(*node.state(), State::default());
 }
 
-/// Neither a mode nor references alone keep an axle driving: 60 ms after the last one it brakes.
+/// Neither a mode nor references alone keep an axle driving: 60 ms after the latest mode or reference it brakes.
 #[test]
 fn axle_brakes_without_mode_or_without_references() {
     for without_mode in [false, true] {
@@ -342,7 +342,7 @@ fn stop_bounds_torque_by_a_share_of_the_held_torque() {
         stop.bound_release(&mut torque_nm);
         assert_eq!(torque_nm.list(), expected);
     }
-    // The wheel with the larger torque counts, at the start of the release and now.
+    // The bound uses the larger of the two torques, both at the start of the release and at each tick.
     stop.hold = 1.0;
     stop.bound_release(&mut [0.5, -4.0].into());
     stop.hold = 0.5;
@@ -455,7 +455,7 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
     assert!((at.phi / turned - 1.0).abs() < 1e-3, "{at:?}");
 }
 
-/// The axle is near an end of the span in both directions, its reference beyond.
+/// In x and y the axle is near an end of the position span, and its reference lies beyond that end.
 #[test]
 fn reference_across_the_end_of_the_position_span_is_near() {
     let mut node = node(AxleId(0));
@@ -513,7 +513,7 @@ fn released_axle_comes_to_rest_without_a_fault() {
         let active = state == OperatingState::Active;
         assert_eq!(active, (20..100).contains(&tick), "{tick}");
     }
-    // Ramp, rest and release.
+    // Deceleration 0.1 s, rest 0.1 s, release 0.75 s.
     assert!((900..1100).contains(&braked), "{braked}");
     assert_eq!(operating(&node), OperatingState::Idle);
 }
@@ -535,7 +535,7 @@ fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
     }
 }
 
-/// A stop takes as long as the one before.
+/// The second stop takes as long as the first.
 #[test]
 fn each_stop_has_its_whole_ramp() {
     let mut node = node(AxleId(0));
@@ -566,7 +566,7 @@ fn each_stop_has_its_whole_ramp() {
     );
 }
 
-/// 0.5 m/s at the faster wheel, 0.162 m from the middle.
+/// The limit is 0.5 m/s at the faster wheel, 0.162 m from the middle.
 #[test]
 fn references_beyond_the_wheel_speed_limit_are_rejected() {
     let limits = Limits::default();
@@ -584,7 +584,7 @@ fn references_beyond_the_wheel_speed_limit_are_rejected() {
         let found = limits.allow(Twist::new(v, omega), 0.162);
         assert_eq!(found, allowed, "{v} {omega}");
     }
-    // Rest times in ticks: 0.1 s, and 60 s after the motors. A stop must end within 2 s.
+    // Rest times in ticks: 0.1 s with still wheels, 60 s with motors off. A stop must end within 2 s.
     let node = node(AxleId(0));
     assert_eq!((node.rest.hold, node.rest.settle / 10), (100, 5_999));
     let mut config = Config::default();
@@ -598,7 +598,7 @@ fn references_beyond_the_wheel_speed_limit_are_rejected() {
     );
 }
 
-/// Causes in the samples and in the reference, each while driving.
+/// Each case has one cause, in the samples or in the reference, while the axle drives.
 #[test]
 fn stops_for_every_reason_and_drives_again_once_cleared() {
     let by_driver = |condition| {
@@ -671,7 +671,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
     }
 }
 
-/// Not even 256 epochs later, when the sequence number is the same.
+/// A posture and a motion 256 epochs apart have equal sequence numbers, but make no reference either.
 #[test]
 fn halves_of_different_epochs_make_no_reference() {
     let axle = AxleId(0);

@@ -30,7 +30,7 @@ pub(super) struct Pair {
     pub(super) uncertainty: Option<Stamped<Mat3>>,
     /// Measurements of the frame, by their epochs.
     pub(super) measured: Recent<Estimate>,
-    /// Epoch of the latest measurement that was used, and the time of its use.
+    /// Epoch of the latest measurement that was passed to the fusion, even if rejected, and the time of the passing.
     pub(super) used: Option<Stamped<Micros>>,
     /// Estimate of both axles; `None` before the start.
     pub(super) fusion: Option<robot::State>,
@@ -51,7 +51,8 @@ impl Pair {
         }
     }
 
-    /// The latest unused measurement of the frame, with its own epoch, advanced by odometry to `epoch`.
+    /// The latest measurement of the frame that the fusion has not received, with its own epoch, advanced by odometry
+    /// to `epoch`; `None` if no such measurement is recent enough.
     pub(super) fn measurement(
         &self,
         epoch: Micros,

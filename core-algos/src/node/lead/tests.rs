@@ -92,7 +92,7 @@ fn restart_of_an_axle_is_not_taken_for_motion() {
     assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
 }
 
-/// After its filter has settled, the posture follows from the other axle and the bend of the frame.
+/// After the filter of the restarted axle has settled, its posture follows from the other axle and the beam.
 #[test]
 fn restarted_axle_is_found_by_the_beam_once_its_filter_has_settled() {
     let straight = Posture::new(0.37, 0.0, 0.0);
@@ -135,7 +135,7 @@ fn restarted_axle_is_found_by_the_beam_once_its_filter_has_settled() {
     }
 }
 
-/// Without the beam.
+/// Without the beam, a restarted axle is assumed to have moved like the other axle.
 #[test]
 fn restarted_axle_moves_like_its_neighbour() {
     for restarted in [0, 1] {
@@ -155,7 +155,7 @@ fn restarted_axle_moves_like_its_neighbour() {
     }
 }
 
-/// A late measurement is carried on in the coordinates of the rear axle, which has turned by 45°.
+/// A late measurement is advanced in the frame of the rear axle, which has turned by 45° since the measurement.
 #[test]
 fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
     let mut node = node();
@@ -485,7 +485,7 @@ fn a_stop_is_done_below_the_speed_of_rest() {
     }
 }
 
-/// Messages in either order.
+/// Posture and covariance may arrive in either order; one message alone makes no measurement.
 #[test]
 fn posture_and_covariance_of_one_epoch_make_a_measurement() {
     let posture = Posture::new(0.37, 0.0, 0.1);

@@ -89,7 +89,8 @@ pub(super) enum Advance {
 }
 
 impl Advance {
-    /// The increment. A restarted axle gets that of the `other` axle, with the uncertainty of the frame.
+    /// The increment; `None` without a new report. A restarted axle is given the motion of the `other` axle, with the
+    /// uncertainty [`RESTART_SIGMAS`].
     pub(super) fn increment(&self, other: &Self) -> Option<Increment> {
         match (self, other) {
             (Self::Unknown, _) => None,

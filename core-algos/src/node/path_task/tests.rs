@@ -174,7 +174,7 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
     let (task, mut state) = (task(), State::default());
     let mut pushed = 0;
     let mut feed = |state: &mut State| {
-        // 0.1 m/s for 10 s; speed at the ends is of no concern here.
+        // 0.1 m/s for 10 s. The steps of the speed at both ends do not matter here.
         while pushed <= 200 && state.trajectory_room() > 0 {
             push_in_time(state, pushed, if pushed < 200 { 0.1 } else { 0.0 });
             pushed += 1;

@@ -19,7 +19,7 @@ impl SupervisorBench {
         }
     }
 
-    /// Supervisor in this state. A fault has its cause latched, which is over; the other states have nothing latched.
+    /// Supervisor in this state. In *fault* the latched cause is over; in the other states nothing is latched.
     fn in_state(state: OperatingState) -> Self {
         use StateRequest::{Arm, Disarm, Ready, Start};
         let mut bench = Self::new();
@@ -182,7 +182,7 @@ fn two_conditions_and_a_request_follow_the_table() {
                 ..SupervisorBench::new()
             };
             let both = Conditions::only(first).with(other, true);
-            // As if both had held for long.
+            // Both conditions count as present, as after their hold times.
             bench.now = start.now;
             bench.state.present = both;
             bench.state.holding = both;

@@ -15,8 +15,8 @@
 //! The first current is sampled during 1.33 µs from the trigger on, the second from 1.90 to 3.24 µs: 28 cycles of the
 //! converter at 21 MHz each, 12 of conversion between them. An edge disturbs a reading until driver (propagation and
 //! dead time, 1 µs) and amplifier have settled; an INA240 takes 9.6 µs to 0.5 % after a step of its common mode.
-//! [`Sampling`] chooses the place. The time since the latest edge is at least 11.9 µs at equal duties or if one motor
-//! has no pulses, and 5.5 µs at the worst pair of duties.
+//! [`Sampling`] chooses the sampling instant. The time since the latest edge is at least 11.9 µs at equal duties or if
+//! one motor has no pulses, and 5.5 µs at the worst pair of duties.
 //!
 //! The trigger is the reference signal of channel 4 (OC4REF) as TRGO. Unlike the converter's own input TIM1_CC4, OC4REF
 //! does not depend on the outputs' enable. A stop must not end the conversions, because they generate the board's tick.
@@ -44,7 +44,7 @@ const ALTERNATE: u8 = 1;
 /// Channel of the trigger.
 const TRIGGER: usize = 3;
 
-/// Sampling instants, see above.
+/// Sampling instants of the currents, see the module's documentation.
 const SAMPLING: Sampling = match sampling::AXLE.build() {
     Some(sampling) => sampling,
     None => panic!("no sampling instant free of PWM edges"),
@@ -54,7 +54,7 @@ const SAMPLING: Sampling = match sampling::AXLE.build() {
 pub struct Pwm {
     _enable: [Flex<'static>; 2],
     stop: Flex<'static>,
-    /// Compare values that start the next conversions and started the previous ones.
+    /// Compare values: the first starts the next conversions, the second started the previous conversions.
     trigger: (u16, u16),
 }
 

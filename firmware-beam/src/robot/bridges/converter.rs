@@ -249,7 +249,7 @@ fn stop() -> bool {
 #[handler]
 fn DMA2_STREAM0() {
     let local = Instant::now().as_micros();
-    // The bus's handlers could interrupt this one between check and start, and the start would be too late.
+    // The bus's handlers could interrupt this handler between check and start, and the start would be too late.
     critical::all(|_| {
         if BETWEEN.contains(&pac::TIM2.cnt().read()) {
             pac::ADC1.cr2().modify(|w| w.set_jswstart(true));

@@ -43,7 +43,7 @@ fn variance_above_the_limit_is_scaled_back_by_its_upkeep_part_alone() {
     }
 }
 
-/// One more than the number of parts.
+/// Number of parts of the upkeep, and one that does nothing.
 const UPKEEP: usize = N + 2;
 
 /// Motion states of different pairs, by index in the whole state.

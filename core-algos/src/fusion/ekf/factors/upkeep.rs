@@ -4,8 +4,9 @@ use super::{Covariance, M, MAX_VARIANCE};
 use crate::fusion::ekf::N;
 
 impl Covariance {
-    /// One part of the upkeep, to be called in turn. Parts 0 to 6 scale a state's variance back to the limit and keep
-    /// its correlations. Part 7 removes a negligible coupling of the two pairs. Other parts do nothing.
+    /// Does one part of the upkeep; the caller runs the parts in turn. Part k from 0 to 6 scales the variance of state
+    /// k back to the limit and keeps the correlations. Part 7 removes a negligible coupling of the two pairs of motion
+    /// states. Other parts do nothing.
     pub(in crate::fusion::ekf) fn keep_up(&mut self, part: usize) {
         if part < N {
             let variance = self.variance(part);

@@ -49,7 +49,7 @@ impl Watched {
         }
     }
 
-    /// A wheel that pushes with this share of the torque at this speed.
+    /// Sets a wheel's torque to this share of the largest torque, and sets the wheel's speed.
     fn pushes(&mut self, wheel: usize, share: f32, speed_rad_s: f32) {
         let most = Config::default().controller.max_torque_nm;
         self.node.state.output.torque_nm[Side::BOTH[wheel]] = share * most;

@@ -11,8 +11,9 @@ struct World {
     node: LeadNode,
     axles: [Posture; 2],
     number: u64,
-    /// Epochs by which the beam is late, and its postures.
+    /// Epochs by which the beam's messages are late.
     late: usize,
+    /// Front axle in the rear axle's frame, by epoch.
     bends: Vec<Posture>,
 }
 
@@ -103,7 +104,7 @@ impl World {
         output
     }
 
-    /// True if a difference of `odom` from `map` stays.
+    /// True if a difference of 1 cm between `odom` and `map` remains after a step.
     fn keeps_odom(&self) -> bool {
         let mut other = self.clone();
         other.node.state.odom.as_mut().unwrap().y += 0.01;
@@ -136,7 +137,7 @@ fn distance(a: Posture, b: Posture) -> f32 {
     (a.x - b.x).hypot(a.y - b.y)
 }
 
-/// On a circle of radius 0.8 m to the left, from the origin.
+/// Point at arc length `s` of a circle of radius 0.8 m that leaves the origin along x and bends to the left.
 fn on_circle(s: f32) -> PathPoint {
     PathPoint {
         posture: Posture::ORIGIN.advance(s, s / 0.8),
@@ -230,7 +231,7 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let duration = world.run(|world, output| {
         let at = world.center();
         let off = distance(at, Posture::new(0.0, 0.8, 0.0)) - 0.8;
-        // The frame is straight at first.
+        // The frame is straight at first, so the robot leaves the circle by up to 3 cm.
         let most = if at.x < 0.3 { 0.03 } else { 0.004 };
         assert!(off.abs() < most, "{at:?} {off}");
         assert!(output.motion.v <= 0.2 + 1e-3);
@@ -427,8 +428,8 @@ fn the_robot_is_on_its_trajectory_at_every_time() {
     assert!(distance(world.center(), on_circle(0.5).posture) < 3e-3);
 }
 
-/// Curvature -0.8 1/m backwards. Without commands the robot brakes after 200 ms; the governor decelerates by 0.8
-/// m/s², over v²/2a.
+/// The robot drives backwards with a curvature of −0.8 1/m. Without commands it brakes after 200 ms; the governor
+/// decelerates by 0.8 m/s², over v²/2a.
 #[test]
 fn driven_robot_follows_its_commands_and_stops_without_them() {
     let order = Task::Drive {
@@ -468,7 +469,7 @@ fn driven_robot_follows_its_commands_and_stops_without_them() {
     let before = world.center();
     world.node.command(Task::Stop);
     world.run(|_, output| assert!(output.motion.v <= 0.0));
-    // The first interval is already slower.
+    // The speed falls from the first interval on.
     let stopping_distance = 0.15 * 0.15 / 1.6 - 0.15 * DT;
     assert!((distance(world.center(), before) - stopping_distance).abs() < 1e-4);
     let after = world.center();

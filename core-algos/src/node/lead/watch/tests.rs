@@ -40,7 +40,7 @@ impl Watched {
         self.node.state.peers.receive(time, &message);
     }
 
-    /// Heartbeat of an axle in this state, `armed` µs after the lead node was armed.
+    /// Receives a heartbeat in this state, `armed` µs after the lead node was armed.
     fn rests(&mut self, node: Node, state: OperatingState, armed: Micros) {
         self.receive_heartbeat(node, 0, state, 0);
         self.node.state.armed = armed;
@@ -51,7 +51,7 @@ impl Watched {
         self.node.state.tracks[axle].report.whole = Some((posture, NOW));
     }
 
-    /// Relative heading by the beam, and its age.
+    /// Sets the relative heading by the beam, and the age of the measurement.
     fn bent(&mut self, turn: f32, ago: Micros) {
         let posture = Posture::new(0.37, 0.0, turn);
         self.pair().posture = Some(Stamped::new(posture, NOW - ago));
@@ -385,7 +385,7 @@ fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
     assert!(!unknown.conditions().contains(Condition::WrenchHigh));
 }
 
-/// Each of three causes alone, and only at the end of a task.
+/// Each of three causes alone makes the end of a task uncertain, and has no effect before the end.
 #[test]
 fn end_with_inconsistency_or_wide_covariance_is_uncertain() {
     let causes: [fn(&mut Watched); 3] = [
@@ -408,7 +408,7 @@ fn end_with_inconsistency_or_wide_covariance_is_uncertain() {
     assert!(!vague.conditions().contains(Condition::ReachedUncertain));
 }
 
-/// 200 ms after the latest speed command; other tasks have no such limit.
+/// The condition holds 200 ms after the latest speed command; other tasks have no such limit.
 #[test]
 fn drive_without_commands_for_200_ms_reports_commander_silent() {
     let by_hand = Task::Drive {
@@ -430,7 +430,7 @@ fn drive_without_commands_for_200_ms_reports_commander_silent() {
     }
 }
 
-/// Every state with each task, a finished or failed task, and a robot that was held for too long.
+/// Compares every state with each task, a finished or failed task, and a robot that was held for too long.
 #[test]
 fn requests_match_the_table() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
@@ -480,7 +480,7 @@ fn requests_match_the_table() {
     assert_eq!(tried, 6 * 6 * 5);
 }
 
-/// Both axles at rest, in speed and in yaw rate, and no rejected measurement of the beam.
+/// The start requires both axles at rest, in speed and in yaw rate, and no rejected measurement of the beam.
 #[test]
 fn the_robot_starts_once_both_axles_rest_and_the_beam_agrees() {
     let starts = |spoil: &dyn Fn(&mut Watched)| {
