@@ -70,7 +70,7 @@ mod tests {
                     {
                         reader = Some((number, half.begins(BLOCK), sample + delay));
                     }
-                    // The reader copies its block over `reading` samples.
+                    // Copying the block takes `reading` samples.
                     let Some((of, begins, from)) = reader else {
                         continue;
                     };

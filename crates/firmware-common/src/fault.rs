@@ -135,7 +135,7 @@ fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
             let count = count(&mut record.faults);
             *count = count.saturating_add(1);
             record.message = Text::EMPTY;
-            // Text beyond the room of the message is cut off.
+            // Text beyond the longest message is cut off.
             let _ = record.message.write_fmt(what);
         });
         // The log is not flushed: a flush would wait for a probe that has been disconnected.

@@ -29,7 +29,7 @@ impl Identity {
         }
     }
 
-    /// Returns the identity message once a second; call it with each health report.
+    /// Returns the identity message once a second, `None` otherwise; call it with each health report.
     pub fn message(&mut self, board: Role, sequence: u8) -> Option<Message> {
         self.every.tick().then_some(Message::BoardIdentity {
             board,

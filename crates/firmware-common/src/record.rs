@@ -180,7 +180,7 @@ impl Reader {
     }
 }
 
-/// Encodes the frame of these three words.
+/// Encodes the bus frame that three words of the ring hold.
 fn frame(room: &mut [u8], [head, low, high]: [u32; 3]) -> &[u8] {
     let mut data = [0; 8];
     data[..4].copy_from_slice(&low.to_le_bytes());

@@ -25,7 +25,7 @@ pub trait Link: Send {
     /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// A second handle for sending, if the link supports one.
+    /// A second handle for sending; `None` if the link supports none.
     fn second(&self) -> Option<File> {
         None
     }
@@ -38,7 +38,7 @@ pub trait Link: Send {
         )))
     }
 
-    /// Ends the board as if it had failed; only the link may report the end.
+    /// Ends the board as if it had failed, so that only an error of the link reports the end.
     fn crash(&mut self) -> Result<(), Error> {
         self.switch_off()
     }
@@ -71,7 +71,7 @@ pub struct Loopback {
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
-    /// File that holds the flash.
+    /// File that holds the flash; `None` if the flash is in memory only.
     file: Option<PathBuf>,
 }
 
@@ -111,7 +111,7 @@ impl Loopback {
     }
 }
 
-/// Flash of a board from a file; `None` if the file does not exist.
+/// Reads a board's flash from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
     match input::bytes(path, input::MAX_DATA_BYTES) {

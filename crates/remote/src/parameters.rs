@@ -13,7 +13,7 @@ use output::terminal::note;
 /// One parameter of a board.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardParameter {
-    /// Parameter.
+    /// Row of the parameter table.
     pub parameter: &'static Parameter,
     /// Value on the board.
     pub value: f32,
@@ -24,7 +24,7 @@ pub struct BoardParameter {
 }
 
 impl BoardParameter {
-    /// True if the value differs from the image's default.
+    /// True if the value is the board's own: read from the store, or set but not saved.
     pub fn is_own(&self) -> bool {
         self.source == Source::Stored || !self.saved
     }
@@ -44,7 +44,7 @@ impl Remote {
             .map_err(|fault| fatal(name, fault))
     }
 
-    /// Parameters whose values are the board's own.
+    /// Parameters with a value of their own on the board ([`BoardParameter::is_own`]).
     pub fn own_parameters(&mut self) -> Result<Values, Error> {
         let parameters = self.parameters()?;
         let own = parameters.iter().filter(|parameter| parameter.is_own());

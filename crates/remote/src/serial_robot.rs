@@ -29,12 +29,12 @@ use std::time::{Duration, Instant};
 
 /// Time without a report from the board after which its port is opened again, µs.
 const REOPEN_AFTER_US: Micros = 1_000_000;
-/// Time between attempts to open the port, and time without a report after which the run ends, µs.
+/// Time between attempts to open the port, µs; below, time without a report after which the run ends, µs.
 const REOPEN_INTERVAL_US: Micros = 100_000;
 const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
 const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
-/// Time after which the lease of another program has lapsed.
+/// Time after which the lease of an earlier program has lapsed.
 const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
 /// Longest time for a reporting board to fulfil a request, ms.

@@ -63,7 +63,7 @@ impl Health {
         critical_section::with(|cs| self.counters.borrow(cs).get())
     }
 
-    /// Ends the state after bus-off: a frame was acknowledged.
+    /// Records that a frame was acknowledged: the board can send again after bus-off.
     pub fn on_acknowledged(&self) {
         self.was_off.store(false, Ordering::Relaxed);
     }

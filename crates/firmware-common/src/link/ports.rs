@@ -1,4 +1,4 @@
-//! The link's serial port and its share of the bus.
+//! Serial port and bus frames of the link.
 
 use core::future::pending;
 

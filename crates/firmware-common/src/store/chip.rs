@@ -41,7 +41,7 @@ impl NorFlash for Region {
     const WRITE_SIZE: usize = Sectors::WRITE_SIZE;
     const ERASE_SIZE: usize = Sectors::ERASE_SIZE;
 
-    /// Empties the caches after the erase, even a failed one: they may hold the former contents.
+    /// Empties the caches after the erase, even after a failed one: the caches may hold the former contents.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         let erased = self.0.erase(from, to).await;
         accelerator::flush();

@@ -39,7 +39,7 @@ pub enum Torn {
 }
 
 impl Torn {
-    /// Every kind.
+    /// All outcomes.
     pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
 }
 
@@ -77,7 +77,8 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         0..self.bytes.len() as u32
     }
 
-    /// Counts a step; the outcome if the power fails in it, an error if it has already failed.
+    /// Counts a step. Returns the outcome of the step if the power fails in it; an error if the power has failed
+    /// before.
     fn step(&mut self) -> Result<Option<Torn>, NorFlashErrorKind> {
         let step = self.steps;
         self.steps += 1;

@@ -48,9 +48,9 @@ pub trait Hardware {
     fn is_bus_off(&self) -> bool;
     /// Switches the LED on or off.
     fn set_led(&mut self, lit: bool);
-    /// The next message that arrived.
+    /// The next message that arrived; `None` if none waits.
     fn receive(&mut self) -> Option<Arrived>;
-    /// Sends a message; returns it as other boards decode it.
+    /// Sends a message and returns it as other boards decode it; `None` if it cannot be encoded.
     fn send(&mut self, message: &Message) -> Option<Message>;
     /// Sends the next frame of the link.
     fn send_link_frame(&mut self);
@@ -127,7 +127,7 @@ pub struct Common<H> {
     pub link: TickEnd,
     /// Common time.
     pub sync: TickSync,
-    /// Local time of the tick.
+    /// Local time of the tick, µs.
     local: Micros,
     role_conflict: RoleConflict,
     identity: Identity,
@@ -163,7 +163,7 @@ impl<H: Hardware> Common<H> {
             .with(Condition::BusOff, self.hardware.is_bus_off())
     }
 
-    /// Sends a message; returns it as other boards decode it.
+    /// Sends a message and returns it as other boards decode it; `None` if it cannot be encoded.
     pub fn send(&mut self, message: &Message) -> Option<Message> {
         self.hardware.send(message)
     }
