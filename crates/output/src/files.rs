@@ -275,7 +275,7 @@ pub fn json(value: &impl Serialize) -> String {
 pub enum Cell {
     /// A number of the simulation.
     Double(f64),
-    /// A number of the on-board code; its text is shorter than that of the same value in double precision.
+    /// A number of the on-board code; its text is shorter than the text of the equal `f64`.
     Single(f32),
     /// A counter.
     Integer(i64),
@@ -446,7 +446,7 @@ mod tests {
         try_file(&path).unwrap();
         assert_eq!(names(path.parent().unwrap()), ["table.json"]);
         assert_eq!(fs::read(&path).unwrap(), b"{}");
-        // A directory as file, and a path through a file.
+        // A directory is not a file, and a path cannot continue below a file.
         assert!(try_file(root.path()).is_err());
         assert!(try_file(&path.join("below")).is_err());
         assert!(write_file(&path.join("below"), "x").is_err());

@@ -122,7 +122,7 @@ fn failed(error: impl std::fmt::Display) -> Error {
 #[derive(Clone)]
 pub struct Session {
     writer: Arc<Mutex<Writer>>,
-    /// Common time of recorded boards at the start of the run, µs.
+    /// Starts a recording; `None` if no destination is given.
     zero: Arc<OnceLock<i64>>,
 }
 
@@ -170,7 +170,7 @@ impl Session {
         }
     }
 
-    /// Waits for a viewer if the run is served and no line was recorded yet; an error if the flag is set meanwhile.
+    /// Waits for a viewer if the run is served and no line was recorded yet; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),

@@ -13,7 +13,7 @@ pub struct Topic {
     pub name: String,
     /// Schema of the messages.
     pub schema: Schema,
-    /// Rate.
+    /// Rate of the messages, in words.
     pub rate: &'static str,
 }
 

@@ -120,7 +120,7 @@ impl Writer {
         }
     }
 
-    /// The files, before the first note.
+    /// The files; `None` once the writer thread has them.
     pub fn files(&mut self) -> Option<&mut Files> {
         match &mut self.state {
             WriterState::Inline(files) => Some(files),

@@ -109,13 +109,13 @@ pub struct SerialRobot {
     /// Common time of the boards at the start of the run, µs; None until known.
     zero: Option<i64>,
     began: Instant,
-    /// Ticks since the program opened the port, and ticks before the run.
+    /// Ticks since the program opened the port; below, tick at which the run started.
     tick: u64,
     start: u64,
     /// Times of the latest report and of the latest opening of the port, µs.
     last_report: Micros,
     opened: Micros,
-    /// Bytes since the latest report.
+    /// Bytes received since the latest report.
     unanswered: Unanswered,
     reconnected: u32,
     lead: lead::Output,
@@ -202,11 +202,11 @@ impl SerialRobot {
 
     /// Waits for every reply, and then for an output of the lead node.
     fn settle(&mut self) -> Result<(), Error> {
-        // An output sent before the place was set does not contain it.
+        // An output sent before the posture was set still has the former posture.
         self.wait(|robot| robot.link.is_settled() && robot.link.is_fresh())
     }
 
-    /// Runs until the robot is `ready`, for a little longer than it may be silent.
+    /// Steps until the robot is `ready`; an error after 11 s, one second more than the timeout of reports.
     fn wait(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + WAIT_MS;
         while !ready(self) {
@@ -259,7 +259,7 @@ impl SerialRobot {
         self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
     }
 
-    /// Waits for boards whose nodes restart.
+    /// Steps until the boards are recorded and `ready`; an error if a board denies the record, or after 5 s.
     fn await_record(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + RECORD_MS;
         while !ready(self) {
@@ -495,7 +495,8 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        // A speed command that is not renewed also sets this notice.
+        // The notice also follows a speed command that is not renewed, so it counts only for tasks that end by
+        // themselves.
         let ends_itself = matches!(
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }

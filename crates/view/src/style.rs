@@ -118,7 +118,7 @@ impl Mark {
 pub struct Appearance {
     /// Name of the CSS variable on the report page.
     pub name: &'static str,
-    /// Line.
+    /// Colour, width and pattern of the line, the colour for a light page.
     pub stroke: Stroke,
     /// Colour on a dark page.
     pub dark: Rgb,
@@ -185,28 +185,28 @@ pub const BAND: Appearance = appearance(
     Dash::Solid,
 );
 
-/// Figures that the paper prints for its robot.
+/// Values that the paper prints for its robot.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Table of all looks.
+/// Appearances of all kinds.
 pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
-/// Look with the `color`-th colour and the `dash`-th pattern.
+/// Appearance with the `color`-th colour and the `dash`-th pattern.
 pub const fn series_by(color: usize, dash: usize) -> Appearance {
     let colors = SERIES[color % SERIES.len()];
     appearance("series", colors, 1.8, DASHES[dash % DASHES.len()])
 }
 
-/// Look of the n-th series without a kind of its own.
+/// Appearance of the n-th series, for series that are not of a kind in [`TABLE`].
 pub const fn series(n: usize) -> Appearance {
     series_by(n, n)
 }
 
 /// Colour of text and of lines that represent all series.
 pub const INK: Rgb = BLACK;
-/// Mark of a figure that the paper prints.
+/// Mark of a value that the paper prints.
 pub const PAPER_MARK: Mark = Mark::new(Shape::Ring, 5.0, PAPER.stroke.color);
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
@@ -250,7 +250,7 @@ pub fn color_scale(value: f64) -> Rgb {
 /// Number of series that the report page has names for: `c0`, `c1`, …
 const PAGE_SERIES: usize = 8;
 
-/// CSS variables of all looks: colours for a light or a dark page, and dashes.
+/// CSS variables of all appearances: colours for a light or a dark page, and dashes.
 pub fn css(dark: bool) -> String {
     let series = (0..PAGE_SERIES).map(|n| (format!("c{n}"), series(n)));
     let named = TABLE.map(|appearance| (appearance.name.to_owned(), appearance));

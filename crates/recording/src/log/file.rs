@@ -218,7 +218,7 @@ impl Mcap {
         }
     }
 
-    /// Waits for a viewer if the run is served; an error if the flag is set meanwhile.
+    /// Waits for a viewer if the run is served; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.sink.server() {
             Some(server) => server.await_viewer(interrupt),

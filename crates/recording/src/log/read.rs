@@ -39,7 +39,7 @@ pub enum Event {
         tick: u32,
         /// Parameters.
         config: Box<RobotConfig>,
-        /// Initial estimate of the lead node.
+        /// Initial estimate of the lead node; `None` without one.
         place: Option<Box<Placement>>,
     },
     /// The board was switched off or lost, or its record ended: tick (ms) and reason.
@@ -71,9 +71,9 @@ impl Event {
 /// One tick of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedTick {
-    /// Time, ms.
+    /// Time of the tick, ms.
     pub tick: u32,
-    /// Samples.
+    /// Sensor samples of the tick.
     pub samples: Samples,
     /// Frames that arrived before the tick.
     pub received: Vec<CanFrame>,
@@ -81,7 +81,7 @@ pub struct RecordedTick {
     pub torque_nm: Wheels<Exact>,
     /// Frames that the board sent.
     pub sent: Vec<CanFrame>,
-    /// Output of the lead node, if it belongs to this tick.
+    /// Output of the lead node; `None` if none belongs to this tick.
     pub lead: Option<Box<lead::Output>>,
 }
 
@@ -229,7 +229,7 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 struct Board {
     /// Time of the latest event, ms.
     last: Option<u32>,
-    /// True if the board is recorded at this position of the log.
+    /// Frames sent since the latest tick entry, with their ticks, ms.
     on: bool,
     ticks: usize,
     /// Frames sent at the tick whose entry follows.
@@ -245,7 +245,7 @@ struct Reader<'a> {
     front: VecDeque<Event>,
     /// Outputs of the lead node by tick, ms; a board behind a link delivers them later than the tick.
     leads: HashMap<u32, Box<lead::Output>>,
-    /// Time of the front board's latest event that was passed on since its start, ms.
+    /// Time of the front board's latest event that was passed on, ms; `None` until one was passed on after its start.
     released: Option<u32>,
     to: &'a mut dyn FnMut(Role, Event),
 }

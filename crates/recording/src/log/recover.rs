@@ -216,7 +216,8 @@ mod tests {
         assert_eq!(recovered(&copy).1, copy);
     }
 
-    /// A log truncated anywhere: all ticks in the file are recovered and replay exactly.
+    /// Cuts a log at five places. Each copy holds the log's events up to the cut, except at most two per board, and
+    /// replays without a difference.
     #[test]
     fn log_truncated_anywhere_keeps_its_complete_records() {
         let log = recorded(1200, |_| ());
@@ -229,7 +230,7 @@ mod tests {
             assert!(!found.missing.is_empty());
             let read = read::read(&copy, "copy").unwrap();
             for (part, all) in read.boards.iter().zip(&whole.boards) {
-                // Outputs of the last tick may follow the tick.
+                // The last events of a board may lack an output of the lead node that followed later.
                 let kept = part.len().saturating_sub(2);
                 assert_eq!(part[..kept], all[..kept]);
             }

@@ -156,7 +156,7 @@ impl Sink {
         }
     }
 
-    /// Completes the log; on a write error there is no file.
+    /// Stops the server and completes the log. After a write error no file appears.
     pub fn close(&mut self) -> Result<(), OutputError> {
         if let Some(server) = self.server.take() {
             server.stop();

@@ -31,7 +31,7 @@ const SCANS: f64 = core_algos::acquisition::oversampling::SCANS as f64;
 /// Time between two steps of the bridges' drift, ms.
 const DRIFT_MS: u32 = 100;
 
-/// Parts that differ from beam to beam, by bridge.
+/// Properties of one bridge that differ from beam to beam.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BridgeParts {
     /// Relative error of the gain.
@@ -47,7 +47,7 @@ pub struct BridgeParts {
 }
 
 impl BridgeParts {
-    /// Parts of bridge `k` of a frame, as drawn for the trial.
+    /// Properties of bridge `k` of a frame, as drawn for the trial.
     pub fn of(drawn: &Drawn, frame: FrameId, k: usize) -> Self {
         let frame = &drawn.frames[frame.index()];
         Self {

@@ -27,7 +27,7 @@ impl Clock {
         self.estimate_time
     }
 
-    /// Common time at `at`, µs.
+    /// Common time at `at`, µs; 0 before the first epoch.
     pub fn common(&self, at: Micros) -> i64 {
         self.epoch.map_or(0, |epoch| {
             i64::from(epoch.number) * EPOCH as i64 + at as i64 - epoch.began_at as i64

@@ -20,7 +20,7 @@ pub struct Power {
     /// Battery as seen at the drivers.
     pub battery: Supply,
     rail: Profile,
-    /// Time up to which the chip has the rail's voltage.
+    /// Time up to which changes of the rail were passed to the chip.
     known: Time,
     crystal: VecDeque<(Time, bool)>,
 }
@@ -41,7 +41,8 @@ impl Power {
         self.rail.at(at)
     }
 
-    /// Lowers the rail to `volts` from `from` until `to`, or until the fall is complete: 0.1 A discharge 10 µF.
+    /// Lowers the rail to `volts` from `from` until `to`, but at least until the fall is complete. The rail falls as 10
+    /// µF discharged by 0.1 A.
     pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
         let fall = |share: f64| {
             let depth = share * (LOGIC_V - volts);

@@ -44,7 +44,7 @@ impl BoardObservations {
         self.hclk_hz = board.chip().clocks().hclk_hz;
     }
 
-    /// Core frequency when the board was ready, Hz; a board without power has none.
+    /// Core frequency when the board was ready, Hz; 0 if the board was never ready.
     pub fn hclk_hz(&self) -> u64 {
         self.hclk_hz
     }
@@ -97,17 +97,17 @@ pub struct BoardReport {
     pub tick_lateness_us: u16,
     /// Ticks missed after all boards were ready.
     pub missed_ticks: u8,
-    /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
+    /// Longest time from the converter's trigger to the new duty, µs; `None` for a board without motors.
     pub longest_current_loop_us: Option<f64>,
     /// Fraction of the time in which the core was awake.
     pub load: f64,
-    /// Largest stack use, bytes; none if the image has no symbols of the stack.
+    /// Largest stack use, bytes; `None` if the image has no symbols of the stack.
     pub stack_used: Option<u32>,
-    /// Size of the stack, bytes.
+    /// Size of the stack, bytes; `None` if the image has no symbols of the stack.
     pub stack_size: Option<u32>,
-    /// Largest stack use until the board was ready, bytes.
+    /// Largest stack use until the board was ready, bytes; `None` if the image has no symbols of the stack.
     pub boot_stack: Option<u32>,
-    /// First digits of the hash of the image's sources, as the board sends them.
+    /// First digits of the hash of the image's sources, as the board sends them; `None` until it has.
     pub build: Option<String>,
     /// Instructions executed.
     pub instructions: u64,
@@ -119,7 +119,8 @@ pub struct BoardReport {
 const TICK_LIMIT_US: u64 = 800;
 
 impl BoardReport {
-    /// First problem of the board, if any. A power cut (`cut`) may interrupt a frame.
+    /// First problem of the board; `None` without one. Error frames do not count after a power cut (`cut`), which may
+    /// interrupt a frame.
     pub fn problem(&self, cut: bool) -> Option<String> {
         let name = self.name;
         if let Some((time_s, cause)) = self.resets.first() {

@@ -1,4 +1,4 @@
-//! Robot with access for the acts of a fault.
+//! Robot under test, with access to its boards, sensors, motors and bus for the acts of a fault.
 
 use super::Campaign;
 use crate::board_log::BoardLog;
@@ -22,7 +22,7 @@ pub struct FaultBench {
     seed: u64,
     /// Affected board.
     pub affected: Option<Role>,
-    /// Failure observed by an act.
+    /// Failure observed by an act; `None` without one.
     pub violation: Option<String>,
 }
 
@@ -59,7 +59,7 @@ impl FaultBench {
         Ok(bench)
     }
 
-    /// Index of the bus node that is no board.
+    /// Index of the additional bus node, which belongs to no board.
     fn extra_node(&self) -> usize {
         self.robot.roles.len()
     }
@@ -111,7 +111,7 @@ impl FaultBench {
         }
     }
 
-    /// Reads a register without side effects of a board's chip.
+    /// Reads a register of a board's chip that has no read side effects.
     pub fn register(&mut self, role: Role, address: u32) -> u32 {
         let mut value = 0;
         self.board(role, |board| {

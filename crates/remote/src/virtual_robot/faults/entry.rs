@@ -43,10 +43,11 @@ pub const fn at(after_ms: u64, act: Act) -> TimedAct {
     TimedAct { after_ms, act }
 }
 
-/// Trial of a single board: number of cases, or description of the failure.
+/// Trial of a single board. Outer error: the trial could not run. Inner result: number of cases, or description of the
+/// failure.
 pub type BoardTrial = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
 
-/// Check of the robot at the end of a run; returns a description of the problem.
+/// Check of the robot at the end of a run: description of the problem; `None` without one.
 pub type Check = fn(&mut FaultBench) -> Option<String>;
 
 /// Kind of run.
@@ -77,9 +78,9 @@ pub struct Entry {
     pub codes: Vec<Condition>,
     /// Longest time from the fault to all motors off, s.
     pub off_within_s: f64,
-    /// Longest time from the fault to the last PWM pulse of the affected axle, s.
+    /// Longest time from the fault to the last PWM pulse of the affected axle, s; `None` without a limit.
     pub own_within_s: Option<f64>,
-    /// True if the affected board must restart and report that.
+    /// True if the affected board must restart and report the restart.
     pub restarts: bool,
     /// Boards that may be reset.
     pub resets: Boards,
@@ -87,11 +88,11 @@ pub struct Entry {
     pub must_reset: bool,
     /// True if the robot may start before all nodes report ready.
     pub unready: bool,
-    /// Notice that the affected board must report.
+    /// Notice that the affected board must report; `None` if none is demanded.
     pub notice: Option<Condition>,
     /// Check at the end of the run.
     pub check: Option<Check>,
-    /// Parts of the texts of findings that the fault itself causes.
+    /// Findings that the fault itself causes, each given by a part of its text.
     pub findings: &'static [&'static str],
     /// Time without current after which a motor counts as off, ms.
     pub rest_ms: u64,
@@ -195,7 +196,7 @@ impl Entry {
         self
     }
 
-    /// Demands that the affected board restarts and reports that.
+    /// Demands that the affected board restarts and reports the restart.
     pub fn restarts(mut self) -> Self {
         self.restarts = true;
         self.resets(ALL)

@@ -67,7 +67,7 @@ fn hold_beam(bench: &mut FaultBench, held: bool) {
     bench.board(Role::beam(0), |board| board.hold(held));
 }
 
-/// Runs a board until it is in this exception, which may be a few µs ahead of the other boards.
+/// Runs a board until it is in this exception. The board may then be a few µs ahead of the other boards.
 fn run_into(board: &mut Board, exception: u16) {
     let (core, chip) = board.parts();
     for _ in 0..1_000_000 {

@@ -27,7 +27,7 @@ struct Group {
     options: Options,
     seed: u64,
     after_ms: u64,
-    /// Number of cases still to come, and the robot once it has been driven.
+    /// Number of cases that still need the robot; the robot, `None` until it has been driven.
     state: Mutex<(usize, Option<Robot>)>,
 }
 

@@ -20,9 +20,9 @@ pub struct Interrupt {
     pub name: String,
     /// Number of calls.
     pub count: u64,
-    /// Total time without preemption by others, µs.
+    /// Total execution time without the time of preemption, µs.
     pub us: f64,
-    /// Longest execution without preemption, µs.
+    /// Longest execution without the time of preemption, µs.
     pub longest_us: f64,
     /// Longest time from entry to return, with preemption, µs.
     pub longest_with_preemption_us: f64,
