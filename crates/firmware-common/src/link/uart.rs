@@ -82,7 +82,7 @@ impl Uart {
             w.set_dmar(true);
             w.set_dmat(true);
         });
-        // Below the tick, above the thread, whose reader the handler wakes.
+        // The priority is below the tick and above the thread, whose reader the handler wakes.
         interrupt::USART3.set_priority(Priority::P6);
         interrupt::USART3.unpend();
         // SAFETY: the handler of this interrupt is below and shares only signals.
@@ -173,8 +173,8 @@ pub async fn sent() {
 fn USART3() {
     let status = pac::USART3.sr().read();
     if status.idle() {
-        // Clears the flags, including those of line errors, by a read of the data register after the status. The
-        // check of a frame detects line errors. DMA fetched the last byte one byte time ago.
+        // A read of the data register after the status clears the flags, including those of line errors. The frame
+        // check detects line errors. The read loses no byte: DMA fetched the last byte one byte time ago.
         pac::USART3.dr().read();
         IDLE.signal(());
     }

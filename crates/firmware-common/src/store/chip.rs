@@ -80,8 +80,9 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and the report and the log
-    /// show them. The core itself reads the flash, so the call does not wait.
+    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and so have all values if they
+    /// make no valid node together. The report and the log show that. The core itself reads the flash, so the call does
+    /// not wait.
     pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
         let parameters = Self::unread(flash, role);
         parameters.read();
@@ -90,7 +91,7 @@ impl Parameters {
         parameters
     }
 
-    // Called in turn and not inlined, so that each step frees its stack for the next.
+    // `load` calls these steps in turn. They are not inlined, so that each step frees its stack for the next.
 
     #[inline(never)]
     fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {

@@ -1,6 +1,7 @@
 //! Thinning of lines to visible points, and cutting of lines into dashes.
 
-/// Points of a line that can be distinguished on the page.
+/// Thins a signal over time to the first, least, greatest and last point per half unit of width. Other lines are
+/// unchanged.
 pub(super) fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     straightened(&columns(points))
 }

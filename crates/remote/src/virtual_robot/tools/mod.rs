@@ -61,7 +61,7 @@ impl Tools {
 }
 
 impl VirtualRobot {
-    /// Power events of the boards.
+    /// Power cuts and restarts of the boards, times at which all motors were off, and actions of the host.
     pub fn events(&self) -> &[Event] {
         self.tools.cuts.events()
     }
