@@ -12,7 +12,7 @@ use embassy_stm32::pac::{GPIOC, RCC, TIM11};
 const HZ: u32 = 8_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL_HZ: u32 = 16_000_000;
-/// Largest deviation, %.
+/// Largest allowed deviation from the nominal frequency, %.
 const TOLERANCE: u32 = 9;
 /// Divider of the crystal's frequency before the timer; below, edges per capture.
 const DIVIDER: u32 = 31;

@@ -6,7 +6,7 @@
 //!
 //! Nothing here can fail.
 
-/// Half of the buffer.
+/// Half of the DMA buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// From the start of the buffer to its middle.

@@ -57,7 +57,7 @@ fn end() -> u32 {
 /// Largest stack use so far, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HighWater {
-    /// Largest use, bytes.
+    /// Largest stack use, bytes.
     pub used: usize,
     /// Allowed use, bytes: `_stack_budget` in `memory.x`, which the linker reserves.
     pub budget: usize,

@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 use tempfile::{Builder, NamedTempFile};
 
-/// Failed operation on a file.
+/// Failed operation on a file or directory.
 #[derive(Debug)]
 pub struct OutputError {
-    /// Operation, the text after "cannot".
+    /// Failed operation, as text after "cannot".
     pub action: &'static str,
-    /// File or directory.
+    /// File or directory of the operation.
     pub path: PathBuf,
-    /// Cause.
+    /// Cause of the failure.
     pub source: io::Error,
 }
 
@@ -349,7 +349,7 @@ impl Csv {
         written.expect("as many cells in a row as in the header");
     }
 
-    /// Text of header and rows.
+    /// Header and rows as text.
     pub fn into_bytes(self) -> Vec<u8> {
         self.0.into_inner().expect("rows in memory")
     }

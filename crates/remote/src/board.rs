@@ -142,7 +142,7 @@ impl Remote {
         }
     }
 
-    /// The link.
+    /// Link to the board.
     pub(super) fn link(&mut self) -> &mut dyn Link {
         self.channel.link.as_mut()
     }
@@ -464,7 +464,7 @@ pub(super) struct RequestChannel {
     repeated: u64,
     latency_us: u32,
     reply_bytes: u64,
-    /// Bytes received since the request.
+    /// Bytes received since the latest request.
     unmatched: Unanswered,
     /// Times a request is sent before the board counts as lost.
     attempts: u32,

@@ -34,7 +34,7 @@ const RENEW_INTERVAL_US: Micros = TERM / 8;
 /// may still arrive.
 const FRESH_OUTPUTS: u32 = 3;
 
-/// Subject of a request.
+/// Subject of a request to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     /// Renewal of the lease.
@@ -46,7 +46,7 @@ enum Subject {
 }
 
 impl Subject {
-    /// Name in error messages.
+    /// Name of the subject in error messages.
     fn name(self) -> &'static str {
         match self {
             Self::Lease => "lease",
@@ -112,11 +112,11 @@ pub struct BoardLink {
     denied: bool,
     /// Numbered orders that the board may still report as executed.
     orders: VecDeque<(u16, Order)>,
-    /// Number of the latest report.
+    /// Sequence number of the latest report; `None` before the first.
     report: Option<u16>,
-    /// Reports since the start.
+    /// Number of reports received.
     reports: u64,
-    /// Requests with a reply.
+    /// Number of requests that the board has answered.
     answered: u32,
     lost: u16,
     build: String,
@@ -157,7 +157,7 @@ impl BoardLink {
         }
     }
 
-    /// Discards all earlier requests and watches the board.
+    /// Discards all earlier requests; then requests the board's identity and its reports.
     pub fn open(&mut self) {
         let (number, sequence) = (self.number, self.sequence.shared());
         *self = Self {
@@ -246,7 +246,7 @@ impl BoardLink {
         }
     }
 
-    /// Ends the record.
+    /// Ends the record of the board, with the reason.
     pub fn end_record(&mut self, reason: &str) {
         if let Some(record) = &mut self.record {
             record.end(reason.to_owned());
@@ -332,7 +332,7 @@ impl BoardLink {
         self.queue_request(Subject::Other("command"), &Request::Keep(stamp));
     }
 
-    /// Ends the lease.
+    /// Requests the end of the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
         self.queue_request(Subject::Other("release"), &Request::Release(stamp));

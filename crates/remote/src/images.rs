@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use twox_hash::XxHash3_64;
 use virtual_board::image::Image;
 
-/// The boards' target.
+/// Rust target of the boards' images.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Environment variables that name the image files of axle boards and beam board.

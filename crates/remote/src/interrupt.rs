@@ -60,7 +60,7 @@ pub fn set_last_action(action: impl FnMut() + Send + 'static) {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(action));
 }
 
-/// Removes the action.
+/// Removes the action that [`set_last_action`] has set.
 pub fn clear_last_action() {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = None;
 }

@@ -19,10 +19,10 @@ pub trait Link: Send {
     /// Name of the link in reports.
     fn name(&self) -> &'static str;
 
-    /// Sends bytes.
+    /// Sends bytes to the board.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
+    /// Waits for bytes from the board; 0 after the timeout. An error means that the board is gone.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
     /// A second handle for sending; `None` if the link supports none.
@@ -51,7 +51,7 @@ pub trait Link: Send {
         )))
     }
 
-    /// Switches the board on again.
+    /// Switches the board on again after [`Self::switch_off`] or [`Self::crash`].
     fn switch_on(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
@@ -192,17 +192,17 @@ impl Descriptors {
         Self { from, to }
     }
 
-    /// A second handle for sending.
+    /// A second handle for sending; `None` if the descriptor cannot be duplicated.
     pub fn second(&self) -> Option<File> {
         self.to.try_clone().ok()
     }
 
-    /// Sends bytes.
+    /// Writes bytes to the descriptor for sending.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.to.write_all(bytes)
     }
 
-    /// Waits for bytes; 0 after the timeout.
+    /// Waits for bytes; 0 after the timeout or a signal. The end of the input is an error.
     pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
         let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];

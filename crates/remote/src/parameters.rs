@@ -10,12 +10,12 @@ use host_sim::targets::Fault;
 use host_sim::targets::boards::fatal;
 use output::terminal::note;
 
-/// One parameter of a board.
+/// One parameter of a board, with its value and the source of the value.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardParameter {
     /// Row of the parameter table.
     pub parameter: &'static Parameter,
-    /// Value on the board.
+    /// Present value on the board.
     pub value: f32,
     /// Source of the value at the start of the board or at its latest save.
     pub source: Source,
@@ -31,7 +31,7 @@ impl BoardParameter {
 }
 
 impl Remote {
-    /// Starts a session.
+    /// Starts a session with the board, in which its parameters can be read and set.
     pub fn start_session(&mut self) -> Result<(), Error> {
         let name = self.name;
         self.open_session().map_err(|fault| fatal(name, fault))

@@ -56,7 +56,7 @@ pub struct OtherBoard {
 }
 
 impl OtherBoard {
-    /// A board at this port.
+    /// A board at this port, not yet recorded.
     pub fn new(robot: Topology, role: Role, port: Box<dyn Link>) -> Self {
         Self {
             port: Some(port),
@@ -99,7 +99,7 @@ impl OtherBoard {
     }
 }
 
-/// Robot behind serial ports.
+/// Real robot behind the serial port of its front board.
 pub struct SerialRobot {
     connect: Connect,
     /// None while the port is closed.

@@ -16,7 +16,7 @@ const HEIGHT: f64 = 420.0;
 const TITLE: f64 = 52.0;
 /// Height of the legend below the panels.
 const LEGEND: f64 = 26.0;
-/// Room around the paths, m.
+/// Margin around the paths, m.
 const MARGIN_M: f64 = 0.32;
 /// Time of the run between two positions that are drawn, s.
 const STEP_S: f64 = 0.2;
@@ -25,7 +25,7 @@ const SPEED: f64 = 2.0;
 /// Time for which the picture shows the end of the runs, s.
 const HOLD_S: f64 = 3.0;
 
-/// A run.
+/// A run shown in one panel.
 pub struct Run<'a> {
     /// Title of the panel: the run's configuration.
     pub title: String,
@@ -33,7 +33,7 @@ pub struct Run<'a> {
     pub result: String,
     /// Records of all epochs.
     pub records: &'a [Record],
-    /// Goal posture.
+    /// Goal posture of the run.
     pub goal: [f64; 3],
     /// Position tolerance of the goal, m.
     pub tolerance_m: f64,

@@ -15,10 +15,10 @@ use host_sim::world::body::Body;
 /// Goal distance below which θ and α are not drawn, m: near the goal they are dominated by millimetres.
 pub const LEAST_DISTANCE_M: f64 = 0.05;
 
-/// Robot at one instant.
+/// Axles and frames of the robot at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    /// Time, s.
+    /// Time of the snapshot, s.
     pub time_s: f64,
     /// Postures of the axles, front first.
     pub axles: Vec<[f64; 3]>,
@@ -64,11 +64,11 @@ pub struct PathsPanel {
 /// Final errors of the paper's robot (paper Table 1): mean and standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredEnd {
-    /// Distance from the goal, m.
+    /// Distance from the goal, m: mean and standard deviation.
     pub e_m: [f64; 2],
-    /// Line of sight to the goal, rad.
+    /// Line of sight to the goal, rad: mean and standard deviation.
     pub theta_rad: [f64; 2],
-    /// Line of sight to the goal less the robot's heading, rad.
+    /// Line of sight to the goal less the robot's heading, rad: mean and standard deviation.
     pub alpha_rad: [f64; 2],
 }
 
@@ -244,7 +244,7 @@ fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
     ]
 }
 
-/// Posture errors of one configuration.
+/// Posture errors of one configuration over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorsColumn {
     /// Title of the column: configuration and trial.

@@ -38,7 +38,7 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let scale = libm::pow(10.0, f64::from(PLACES));
         let value = (self.0 * scale).round() / scale;
-        // NaN becomes null, which plots show as a gap.
+        // NaN and infinity become null, which plots show as a gap.
         match value.is_finite() {
             true if value == value.trunc() => to.serialize_i64(value as i64),
             true => to.serialize_f64(value),
@@ -65,9 +65,9 @@ pub struct Run<'a> {
     pub name: String,
     /// Goal posture; `None` without a goal.
     pub goal: Option<[f64; 3]>,
-    /// Reference path, m.
+    /// Reference path of the run, m.
     pub reference: Vec<[f64; 2]>,
-    /// Epochs, in order.
+    /// Records of the epochs, in order.
     pub records: Vec<&'a Record>,
     /// Errors of the true and of the estimated midpoint, one pair per record.
     pub errors: Vec<[MidpointError; 2]>,
@@ -77,7 +77,7 @@ pub struct Run<'a> {
     pub end: &'a RunEnd,
     /// Rows of the summary after the end of the run: name and value.
     pub summary: Vec<(String, String)>,
-    /// The scenario.
+    /// Scenario of the run.
     pub scenario: &'a Scenario,
 }
 

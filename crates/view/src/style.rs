@@ -34,7 +34,7 @@ impl Rgb {
 /// Pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dash {
-    /// Unbroken.
+    /// Unbroken line.
     Solid,
     /// Long dashes.
     Dashed,
@@ -59,11 +59,11 @@ impl Dash {
 /// Colour, width and pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// Colour.
+    /// Colour of the line.
     pub color: Rgb,
-    /// Width in units of the figure.
+    /// Width of the line in units of the figure.
     pub width: f64,
-    /// Pattern.
+    /// Dash pattern of the line.
     pub dash: Dash,
 }
 
@@ -83,11 +83,11 @@ pub enum Shape {
 /// Mark of constant size on the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// Shape.
+    /// Shape of the mark.
     pub shape: Shape,
     /// Half the size in units of the figure.
     pub radius: f64,
-    /// Colour.
+    /// Colour of the mark.
     pub color: Rgb,
     /// Direction of the stroke from the centre, rad; `None` without a stroke.
     pub heading: Option<f64>,
@@ -120,7 +120,7 @@ pub struct Appearance {
     pub name: &'static str,
     /// Colour, width and pattern of the line, the colour for a light page.
     pub stroke: Stroke,
-    /// Colour on a dark page.
+    /// Colour of the line on a dark page.
     pub dark: Rgb,
 }
 
@@ -157,27 +157,27 @@ const fn appearance(
     }
 }
 
-/// True motion.
+/// Appearance of the true motion.
 pub const TRUTH: Appearance = appearance("truth", SERIES[0], 2.0, Dash::Solid);
-/// The robot's estimate.
+/// Appearance of the robot's estimate.
 pub const ESTIMATE: Appearance = appearance("estimate", SERIES[6], 1.6, Dash::Dashed);
-/// Reference path or reference motion.
+/// Appearance of the reference path or reference motion.
 pub const REFERENCE: Appearance = appearance("reference", SERIES[2], 2.0, Dash::DashDot);
-/// Goal posture.
+/// Appearance of the goal posture.
 pub const GOAL: Appearance = appearance("goal", SERIES[2], 2.0, Dash::Solid);
-/// Run that stopped, failed or ran out of time.
+/// Appearance of a run that stopped, failed or ran out of time.
 pub const FAILURE: Appearance = appearance("failure", SERIES[1], 1.8, Dash::Dotted);
-/// Run that ended outside the tolerance.
+/// Appearance of a run that ended outside the tolerance.
 pub const OUTSIDE: Appearance = appearance("outside", SERIES[3], 1.6, Dash::Dashed);
-/// Flexible frame.
+/// Appearance of the flexible frame.
 pub const FRAME: Appearance = appearance("frame", SERIES[4], 3.0, Dash::Solid);
-/// Axles and wheels.
+/// Appearance of axles and wheels.
 pub const BODY: Appearance = appearance("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
-/// Tracks of the wheels.
+/// Appearance of the tracks of the wheels.
 pub const WHEELS: Appearance = appearance("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
-/// Trials that are not drawn in full.
+/// Appearance of trials that are not drawn in full.
 pub const OTHERS: Appearance = appearance("others", SERIES[5], 0.9, Dash::Solid);
-/// Tolerance, and 95 % band.
+/// Appearance of the tolerance and of 95 % bands.
 pub const BAND: Appearance = appearance(
     "band",
     (Rgb(214, 214, 214), Rgb(60, 66, 74)),
@@ -185,7 +185,7 @@ pub const BAND: Appearance = appearance(
     Dash::Solid,
 );
 
-/// Values that the paper prints for its robot.
+/// Appearance of values that the paper prints for its robot.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
 /// Appearances of all kinds.

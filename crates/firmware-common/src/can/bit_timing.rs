@@ -3,7 +3,7 @@
 //! A bit consists of a synchronisation segment of one quantum, segment 1 and segment 2; the sample point lies between
 //! segments 1 and 2. A resynchronisation lengthens segment 1 or shortens segment 2 by at most the jump width.
 
-/// Quanta of a bit.
+/// Time quanta per bit.
 const QUANTA: u32 = 14;
 /// Quanta after the sample point, which lies at 78.6 % of the bit. The time before the sample point covers the round
 /// trip over transceivers and cable.

@@ -72,7 +72,7 @@ pub struct Bus {
     pub service: ServicePort,
 }
 
-/// The tick's end for sending.
+/// The tick's end for sending messages on the bus.
 pub struct Sender {
     queue: Producer<'static, Timed>,
     service: service::Outgoing,
@@ -117,7 +117,7 @@ impl Sender {
     }
 }
 
-/// The tick's end for receiving.
+/// The tick's end for receiving messages from the bus.
 pub struct Receiver {
     queue: Consumer<'static, Timed>,
     service: service::Incoming,

@@ -61,7 +61,7 @@ impl Outgoing {
 pub struct ServicePort(&'static Channels);
 
 impl ServicePort {
-    /// Waits for the next frame.
+    /// Waits for the next frame of the link.
     pub async fn receive(&mut self) -> CanFrame {
         self.0.arrived.receive().await
     }

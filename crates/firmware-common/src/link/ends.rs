@@ -61,7 +61,7 @@ impl Channels {
     }
 }
 
-/// The tick's end.
+/// The tick's end of the channels to the link.
 pub struct TickEnd {
     shared: &'static Shared,
     recorder: Recorder,
@@ -121,14 +121,14 @@ impl TickEnd {
     }
 }
 
-/// The link's end.
+/// The link's end of the channels to the tick.
 pub struct LinkEnd {
     shared: &'static Shared,
     reader: Reader,
 }
 
 impl LinkEnd {
-    /// State of the motors.
+    /// State of the motors, as the tick last set it.
     pub fn motors(&self) -> MotorState {
         let state = self.shared.motors.load(Ordering::Relaxed);
         [MotorState::Off, MotorState::Braking]

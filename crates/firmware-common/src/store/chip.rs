@@ -56,7 +56,6 @@ impl NorFlash for Region {
 /// Addresses of the store in the region; sector 0 holds the vectors.
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
 
-/// Opens the store.
 fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     let region = Flash::new_blocking(flash)
         .into_blocking_regions()
@@ -68,12 +67,12 @@ fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     )
 }
 
-/// The board's parameters.
+/// Parameters of the board and their store in flash.
 pub struct Parameters {
     store: Store<Region>,
     /// Settings of the board if the store is empty.
     base: Settings,
-    /// Settings in use.
+    /// Settings that the nodes use.
     pub settings: Settings,
     /// State of the store at the start.
     pub report: StoreReport,
@@ -134,7 +133,7 @@ impl Parameters {
             .ok()
     }
 
-    /// Contents of the store.
+    /// Contents of the store at the latest reading.
     pub(crate) fn contents(&self) -> &Contents {
         self.store.contents()
     }

@@ -77,7 +77,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Contents at the latest reading.
+    /// Contents of the store at the latest reading.
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
@@ -187,7 +187,7 @@ impl<F: NorFlash> Store<F> {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// Two flags of a sector: the library has begun to use it; it is blank.
+    /// Two flags of a sector: used by the library, blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         (begun, self.are_blank(sector.clone()).await)
@@ -270,12 +270,12 @@ impl<F: NorFlash> Store<F> {
         start..start + size
     }
 
-    /// The flash.
+    /// Flash of the store.
     pub fn flash(&self) -> &F {
         &self.flash
     }
 
-    /// Returns the flash.
+    /// Releases the flash of the store.
     pub fn into_flash(self) -> F {
         self.flash
     }

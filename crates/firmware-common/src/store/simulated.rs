@@ -19,7 +19,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Integer below `end`.
+    /// Random integer from 0 to `end` − 1.
     pub fn below(&mut self, end: usize) -> usize {
         (self.draw() % end as u64) as usize
     }
@@ -28,7 +28,7 @@ impl Random {
 /// Content of an interrupted word or sector after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// The former content.
+    /// The word or sector keeps its former content.
     Untouched,
     /// Some bits have their new value.
     Bits,
@@ -48,9 +48,9 @@ impl Torn {
 pub struct Flash<const SECTOR: usize> {
     /// Bytes of the flash.
     pub bytes: Vec<u8>,
-    /// Words written and sectors erased.
+    /// Number of words written and sectors erased.
     pub steps: u64,
-    /// Sectors erased.
+    /// Number of sectors erased.
     pub erases: u64,
     /// Step at which the power fails, and the outcome of that step.
     pub cut: Option<(u64, Torn)>,

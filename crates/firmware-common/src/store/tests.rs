@@ -280,11 +280,11 @@ fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
 /// Counts of starts with damaged bytes.
 #[derive(Debug, Default)]
 struct Damage {
-    /// Starts with every value intact.
+    /// Number of starts with every value intact.
     intact: u32,
-    /// Values replaced by their defaults, with a notice.
+    /// Number of values replaced by their defaults, with a notice.
     defaults: usize,
-    /// Starts with a wrong value and without a notice.
+    /// Number of starts with a wrong value and without a notice.
     undetected: u32,
 }
 

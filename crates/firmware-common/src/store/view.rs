@@ -19,7 +19,7 @@ impl NorFlashError for ViewError {
     }
 }
 
-/// The view of a sector.
+/// Read-only view of one sector of a flash.
 pub struct View<'a, F> {
     flash: &'a mut F,
     sector: Range<u32>,

@@ -36,7 +36,7 @@ const HEALTH: u8 = 100;
 /// Destination of a board's reports for the log.
 pub type Reports<R> = watch::Sender<'static, CriticalSectionRawMutex, R, 1>;
 
-/// Hardware that the loop uses.
+/// Hardware that the tick loop uses.
 pub trait Hardware {
     /// Reports to the task watchdog that the tick runs.
     fn check_in(&mut self);
@@ -58,13 +58,13 @@ pub trait Hardware {
 
 /// Board-specific parts of the tick, in the order in which the loop calls them.
 pub trait BoardTick {
-    /// Hardware of the loop.
+    /// Hardware of the tick loop.
     type Hardware: Hardware;
     /// Input that arrives with the tick.
     type Input;
-    /// Samples of the tick.
+    /// Sensor samples of the tick.
     type Samples;
-    /// Report for the log.
+    /// Board-specific report for the log.
     type LogReport: Clone + 'static;
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
@@ -96,7 +96,7 @@ pub trait BoardTick {
 pub struct Health {
     /// Sequence number of the health messages.
     pub sequence: u8,
-    /// Jitter and longest tick since the last report.
+    /// Largest jitter and longest tick since the last report.
     pub timing: Timing,
     /// Ticks missed since the start.
     pub missed: u16,
@@ -121,11 +121,11 @@ impl Health {
 
 /// Parts of the tick that all boards share.
 pub struct Common<H> {
-    /// Hardware of the loop.
+    /// Hardware of the tick loop.
     pub hardware: H,
-    /// The link.
+    /// The tick's end of the link.
     pub link: TickEnd,
-    /// Common time.
+    /// Common time of the boards, to which the ticks are synchronised.
     pub sync: TickSync,
     /// Local time of the tick, µs.
     local: Micros,
@@ -211,7 +211,7 @@ impl<H: Hardware> Common<H> {
     }
 }
 
-/// The loop of a board.
+/// Tick loop of a board.
 pub struct TickLoop<B: BoardTick> {
     board: B,
     common: Common<B::Hardware>,

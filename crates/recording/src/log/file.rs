@@ -48,7 +48,7 @@ fn nanos(tick: u32) -> u64 {
     u64::from(tick) * 1_000_000
 }
 
-/// Channel of JSON messages.
+/// Channel of a log for messages in JSON.
 struct Json {
     channel: Arc<RawChannel>,
     /// True if the log goes to a file, which takes all messages; viewers take only subscribed topics.
@@ -447,7 +447,7 @@ impl Mcap {
         Ok(closed?)
     }
 
-    /// Path of the file.
+    /// Path of the file; `None` for a log without a file.
     pub fn path(&self) -> Option<PathBuf> {
         self.sink.path()
     }

@@ -10,7 +10,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 /// Iterator over records in memory: operation, position of the first byte, content; or an error for a truncated
 /// record.
 pub(super) struct Records<'a> {
-    /// The records.
+    /// Bytes of the records.
     pub bytes: &'a [u8],
     /// Position of the next record.
     pub at: usize,

@@ -30,14 +30,14 @@ use std::io::{Cursor, Read, Seek};
 /// Longest delay of the lead node's output after the front board's tick in a log, ms.
 pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
-/// Event of a board.
+/// Event of a board in a log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// The nodes of the board were started.
     Start {
-        /// First tick, ms.
+        /// First tick of the nodes, ms.
         tick: u32,
-        /// Parameters.
+        /// Parameters of the nodes.
         config: Box<RobotConfig>,
         /// Initial estimate of the lead node; `None` without one.
         place: Option<Box<Placement>>,
@@ -59,7 +59,7 @@ impl Event {
         }
     }
 
-    /// Time, ms.
+    /// Time of the event, ms.
     pub fn tick(&self) -> u32 {
         match self {
             Self::Start { tick, .. } | Self::Off(tick, _) | Self::Command(tick, _) => *tick,
@@ -77,7 +77,7 @@ pub struct RecordedTick {
     pub samples: Samples,
     /// Frames that arrived before the tick.
     pub received: Vec<CanFrame>,
-    /// Commanded wheel torques, N m.
+    /// Wheel torques that the board commanded, N m.
     pub torque_nm: Wheels<Exact>,
     /// Frames that the board sent.
     pub sent: Vec<CanFrame>,
@@ -109,7 +109,7 @@ pub type Events = Vec<Vec<Event>>;
 /// Complete contents of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Log without the events.
+    /// Metadata and true states of the log.
     pub run: Run,
     /// Events of the boards.
     pub boards: Events,
@@ -236,7 +236,7 @@ struct Board {
     sent: Vec<(u32, CanFrame)>,
 }
 
-/// State of reading.
+/// State of reading a log.
 struct Reader<'a> {
     run: Run,
     robot: Topology,

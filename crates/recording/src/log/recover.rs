@@ -14,7 +14,7 @@ const CHUNK_HEAD: usize = 40;
 /// Summary of a recovered log.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Number of messages.
+    /// Number of messages recovered.
     pub messages: u64,
     /// Time of the latest message, ns.
     pub last_ns: u64,
@@ -49,7 +49,7 @@ fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
     sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
-/// Copy being written.
+/// Copy of a log being written.
 struct LogCopy<W: Write + Seek> {
     writer: Writer<W>,
     found: Recovered,

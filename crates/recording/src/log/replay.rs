@@ -26,15 +26,15 @@ use std::collections::{BTreeMap, HashMap};
 /// First difference between replay and record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Divergence {
-    /// Tick, ms.
+    /// Tick of the difference, ms.
     pub tick: u32,
     /// Name of the board.
     pub board: &'static str,
     /// Name of the differing signal.
     pub signal: String,
-    /// Recorded value.
+    /// Recorded value of the signal.
     pub recorded: String,
-    /// Replayed value.
+    /// Replayed value of the signal.
     pub replayed: String,
 }
 
@@ -60,7 +60,7 @@ struct ReplayedBoard {
     name: &'static str,
     target: InProcess,
     on: bool,
-    /// Latest output of the lead node.
+    /// Latest output of the lead node; `None` before the first.
     lead: Option<lead::Output>,
 }
 
@@ -341,7 +341,7 @@ pub fn replay_estimates(
     Ok(estimates)
 }
 
-/// Quality of estimates.
+/// Errors and consistency of the estimates of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
     /// Root mean square of the midpoint's position error, m; `None` without the true state.

@@ -73,7 +73,7 @@ fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     files::temporary_beside(path)
 }
 
-/// Open log.
+/// Log being written to a file, served to viewers, or both.
 pub struct Sink {
     context: Arc<Context>,
     handle: Option<McapWriterHandle<LogFile>>,
@@ -136,12 +136,12 @@ impl Sink {
         Ok(sink)
     }
 
-    /// Final path of the file.
+    /// Final path of the file; `None` for a log without a file.
     pub fn path(&self) -> Option<PathBuf> {
         self.path.clone()
     }
 
-    /// Context of the channels.
+    /// Foxglove context of the log's channels.
     pub fn context(&self) -> &Arc<Context> {
         &self.context
     }

@@ -35,7 +35,7 @@ const LED: Pin = Pin::new('C', 12);
 const LOGIC_V: f64 = 3.3;
 /// Temperature between the drivers, °C.
 const AMBIENT_C: f64 = 25.0;
-/// Two PWM periods.
+/// Two PWM periods: after that time without a pulse a motor counts as not driven.
 const PULSE_PERIODS: Time = Time::from_micros(100);
 /// Longest bounce of the contacts.
 const BOUNCE: Time = Time::from_micros(5_000);
@@ -43,16 +43,16 @@ const BOUNCE: Time = Time::from_micros(5_000);
 /// Motion of a wheel from a given time: angle (rad) and speed (rad/s), positive forward.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
-    /// Angle, rad.
+    /// Wheel's angle at the given time, rad.
     pub angle_rad: f64,
-    /// Speed, rad/s.
+    /// Wheel's speed, rad/s.
     pub speed_rad_s: f64,
 }
 
 /// Motion of an axle from a given time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
-    /// Wheels (left, right).
+    /// Motions of the wheels (left, right).
     pub wheels: [WheelMotion; 2],
     /// Motion at an inertial sensor in the middle of the axle.
     pub inertial: Motion,
@@ -69,9 +69,9 @@ pub struct AxleParts {
     pub phase: [f64; 2],
     /// Inertial sensor; `None` if not fitted.
     pub inertial: Option<InertialConfig>,
-    /// Battery voltage, V.
+    /// Voltage of the battery without load, V.
     pub battery_v: f64,
-    /// Seed of all noise.
+    /// Seed of all noise of the axle's parts.
     pub seed: u64,
 }
 
@@ -107,7 +107,7 @@ impl AxleParts {
     }
 }
 
-/// Parts around an axle board.
+/// Circuit around an axle board: drivers, motors, sensors, contacts, supplies.
 #[derive(Clone)]
 pub struct AxleBoard {
     pub(super) drivers: [Drv8874; 2],
@@ -119,7 +119,6 @@ pub struct AxleBoard {
     pub(super) thermistor: Thermistor,
     pub(super) stop: Contact,
     pub(super) button: Contact,
-    /// Serial port.
     pub(super) serial: SerialLine,
     /// Edges of the LED, which is lit from each even edge to the next.
     pub(super) led: Vec<Time>,
@@ -175,7 +174,7 @@ fn part_seed(seed: u64, part: u64) -> u64 {
 }
 
 impl AxleBoard {
-    /// Parts at rest.
+    /// Circuit with its parts at rest.
     pub fn new(parts: &AxleParts) -> Self {
         let seed = |part: u64| part_seed(parts.seed, part);
         let (drivers, amplifiers, resistors) = power_parts(parts);

@@ -11,13 +11,13 @@ pub struct Clock {
     estimate_time: Option<Micros>,
 }
 
-/// The latest epoch.
+/// Latest epoch whose `TimeSync` was received.
 #[derive(Clone, Copy, Debug)]
 struct Epoch {
     number: u32,
     /// Start of the epoch, µs.
     began_at: Micros,
-    /// Arrival of its message, µs.
+    /// Arrival of the epoch's `TimeSync`, µs.
     received_at: Micros,
 }
 

@@ -55,9 +55,9 @@ use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
 
-/// Step of the plant.
+/// Time step of the plant, one tick.
 const TICK: Time = Time::from_micros(1_000);
-/// Time that the boards run independently of each other.
+/// Time for which the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
 /// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
 const BOOT_TIMEOUT: Time = Time::from_micros(5_000_000);
@@ -73,7 +73,7 @@ const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Robot of virtual boards.
+/// Robot of virtual boards in the simulated plant.
 #[derive(Clone)]
 pub struct VirtualRobot {
     topology: Topology,
@@ -160,7 +160,7 @@ fn boards(
         };
         let mut variation = options::chip(part_seed);
         if let Role::Beam(frame) = role {
-            // Nonlinearity of the world's converter.
+            // The world, not the chip's random draw, gives the nonlinearity of the beam board's converter.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
             variation.converter_seed = drawn.frames[frame.index()].converter.into();
         }
@@ -275,7 +275,7 @@ impl VirtualRobot {
         self.frames
     }
 
-    /// Reports of all boards.
+    /// Reports of all boards so far.
     pub fn reports(&mut self) -> Vec<BoardReport> {
         let mut reports = Vec::new();
         for (place, &role) in self.roles.iter().enumerate() {

@@ -134,7 +134,7 @@ pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// State of a run.
+/// Observer of a run with a fault, and its state.
 struct FaultObserver {
     goal: Posture,
     /// Time of the fault, µs.

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 /// One case of the campaign: a fault, its time and a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultCase<'a> {
-    /// The fault.
+    /// Fault of the case, with its permitted outcomes.
     pub entry: &'a Entry,
     /// Time of the fault after the button was pressed or the task was given, ms.
     pub after_ms: u64,
@@ -15,7 +15,7 @@ pub struct FaultCase<'a> {
     pub seed: u64,
 }
 
-/// End of a run.
+/// Kind of end of a run with a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -27,10 +27,10 @@ pub enum End {
     Wrong(String),
 }
 
-/// Outcome of a run.
+/// Outcome of a run with a fault.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Seed.
+    /// Seed of all random numbers of the run.
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,

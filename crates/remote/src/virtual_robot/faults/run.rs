@@ -79,7 +79,7 @@ pub fn run(
 
 #[derive(Clone, Debug)]
 struct MotorObservation {
-    /// Start of the fault.
+    /// Time of the start of the fault.
     from: Time,
     /// For each axle, last time at which one of its motors carried current.
     last: Vec<Time>,
@@ -145,7 +145,7 @@ fn stopped(bench: &FaultBench) -> Option<Condition> {
     stops.find_map(|status| status.reason)
 }
 
-/// The node of a board.
+/// Axle or beam node of a board.
 pub fn node(role: Role) -> Node {
     match role {
         Role::Axle(axle) => Node::Axle(axle),

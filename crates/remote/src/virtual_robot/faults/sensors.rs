@@ -64,7 +64,7 @@ fn miscounted(bench: &mut FaultBench) -> Option<String> {
     /// Largest difference, counts: counter and disc start within one encoder line (four counts), and the filter may
     /// hold one line back.
     const APART: u16 = 8;
-    /// CNT of TIM3 and TIM4.
+    /// Addresses of the counters (CNT) of TIM3 and TIM4.
     const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];
     let (role, side) = bench.wheel();
     let counted = bench.register(role, COUNTERS[side]) as u16;

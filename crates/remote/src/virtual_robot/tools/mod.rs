@@ -21,7 +21,7 @@ use host_sim::run::robot::Robot;
 use host_sim::targets::{BoardTraffic, Event, Traffic};
 use virtual_board::wire::Record as Sending;
 
-/// Instruments of a run.
+/// Instruments of a run: power cuts, recovery, bus traffic.
 #[derive(Clone)]
 pub(super) struct Tools {
     cuts: Cuts,
