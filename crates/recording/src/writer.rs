@@ -175,7 +175,7 @@ impl Writer {
 
 impl Drop for Writer {
     fn drop(&mut self) {
-        // Completes the files; an error cannot be reported here.
+        // This completes the files; `drop` cannot return an error.
         let _ = self.finish();
     }
 }

@@ -71,7 +71,7 @@ impl OtherBoard {
             return Ok(());
         };
         if let Some(bytes) = self.link.to_send(now)? {
-            // A failed request is repeated.
+            // A request that cannot be sent is repeated later.
             let _ = port.send(bytes);
         }
         let mut buffer = [0; 512];

@@ -49,7 +49,7 @@ pub use tasks::{Link, ends};
 pub enum Route {
     /// The board's own serial port.
     Serial = 0x5e55_10e1,
-    /// Another board's serial port, and the bus.
+    /// Another board's serial port; that board relays over the bus.
     Bus = 0x5e55_10e2,
 }
 

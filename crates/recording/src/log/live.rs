@@ -107,7 +107,7 @@ impl Server {
         drop(self.gate);
         thread::spawn(move || {
             handle.stop().wait_blocking();
-            // After the timeout the receiver is gone.
+            // The send fails if `stop` has already timed out.
             let _ = ended.send(());
         });
         let _ = end.recv_timeout(STOP_TIMEOUT);

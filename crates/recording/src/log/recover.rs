@@ -144,7 +144,7 @@ impl<W: Write + Seek> LogCopy<W> {
             }
             _ => return Ok(()),
         };
-        // The schema may be in a lost chunk.
+        // Adding a channel fails if its schema was in a lost chunk.
         if let Err(error) = added {
             self.note_missing(format!("a channel: {error}"));
         }
@@ -158,7 +158,7 @@ impl<W: Write + Seek> LogCopy<W> {
                 self.found.last_ns = self.found.last_ns.max(header.log_time);
                 Ok(())
             }
-            // The channel was in a lost chunk.
+            // The channel of this message was in a lost chunk.
             Err(McapError::UnknownChannel(..)) => {
                 self.note_missing(format!(
                     "a message at {:.3} s of a lost channel",

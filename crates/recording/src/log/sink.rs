@@ -180,7 +180,7 @@ impl Sink {
 
 impl Drop for Sink {
     fn drop(&mut self) {
-        // An error cannot be reported here.
+        // `drop` cannot return an error.
         let _ = self.close();
     }
 }

@@ -124,11 +124,11 @@ pub struct AxleBoard {
     pub(super) led: Vec<Time>,
     /// Strap closed to ground; true once the level was passed to the chip.
     strap: (bool, bool),
-    /// Times of scheduled events at the drivers.
+    /// Times of future events at the drivers, such as the start and the end of a fault.
     driver_events: Vec<Time>,
-    /// Latest levels of the fault pins passed to the chip.
+    /// Latest levels of the drivers' fault pins that were passed to the chip.
     faults: [Drive; 2],
-    /// True until the first levels were passed to the chip.
+    /// True until the first levels of the fault pins were passed to the chip.
     fresh: bool,
 }
 

@@ -35,7 +35,7 @@ pub(super) fn columns(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Drops points closer than 0.1 units to the line without them (Douglas and Peucker).
+/// Drops points that lie within 0.1 units of the remaining line (Douglas and Peucker).
 pub(super) fn straightened(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     const TOLERANCE: f64 = 0.1;
     if points.len() < 3 {

@@ -160,7 +160,7 @@ impl FaultObserver {
         ];
         let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {
-            // NaN is beyond every bound.
+            // The comparison is false for NaN, so NaN is beyond every bound.
             let within = values[i] <= BOUNDS[i];
             *beyond = if within { 0 } else { *beyond + 1 };
             if *beyond > MAX_BEYOND_TICKS {
