@@ -38,7 +38,7 @@ fn build(package: &Path, workspace: &Path) -> String {
         "Cargo.lock",
         "memory.x",
     ];
-    // The host program consists of several packages.
+    // The simulator is built from more packages than the images.
     let program: &[&str] = match package.ends_with("cfmmr") {
         true => &[
             "crates/output/src",

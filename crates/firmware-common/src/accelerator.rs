@@ -18,7 +18,7 @@ use embassy_stm32::pac::{DBGMCU, FLASH};
 
 /// Device number of the chip in DBGMCU_IDCODE.
 const DEVICE: u16 = 0x413;
-/// Revision A in DBGMCU_IDCODE.
+/// Revision A of the chip in DBGMCU_IDCODE.
 const REVISION_A: u16 = 0x1000;
 
 /// Switches on both caches, and prefetch where the chip supports it.

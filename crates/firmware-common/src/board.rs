@@ -48,8 +48,9 @@ pub fn start(build: &str) -> Peripherals {
     rcc.sys = Sysclk::PLL1_P;
     embassy_stm32::rcc::reinit(rcc, &mut peripherals.RCC);
     accelerator::enable();
-    // If the crystal stopped, the core would have no clock and the timers would hold their outputs. The clock
-    // security system makes that a fault ([`fault`]) and a break of TIM1, with the core on the internal oscillator.
+    // If the crystal stopped, the core would have no clock and the timers would hold their outputs. With the clock
+    // security system a stopped crystal is a fault ([`fault`]) and a break of TIM1, and the core runs on the internal
+    // oscillator.
     RCC.cr().modify(|w| w.set_csson(true));
     defmt::info!("{=str}", build);
     supply::log();

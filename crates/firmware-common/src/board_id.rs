@@ -14,12 +14,12 @@ use embassy_stm32::{
 /// Axle of a board with a grounded strap in a two-axle robot.
 pub const REAR: AxleId = AxleId(1);
 
-/// Level of the strap.
+/// Level of the strap pin that selects the axle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strap {
-    /// Not connected.
+    /// Strap pin not connected: front axle.
     Open,
-    /// Connected to ground.
+    /// Strap pin connected to ground: the axle that the image names.
     Ground,
 }
 

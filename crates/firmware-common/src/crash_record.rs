@@ -9,18 +9,18 @@ use core::fmt::{self, Write};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Faults {
-    /// Panics of the program.
+    /// Number of panics of the program.
     pub panics: u32,
     /// Processor faults, interrupts without a handler, a stopped crystal, a low supply, a watchdog that does not run.
     pub processor: u32,
-    /// Resets by the watchdog.
+    /// Number of resets by a watchdog.
     pub watchdog: u32,
-    /// Overflows of the stack.
+    /// Number of stack overflows.
     pub stack: u32,
 }
 
 impl Faults {
-    /// No faults.
+    /// All counts zero.
     pub const NONE: Self = Self {
         panics: 0,
         processor: 0,
@@ -74,7 +74,7 @@ impl Write for Text {
     }
 }
 
-/// Crash record.
+/// Crash record in memory that a reset keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Record {

@@ -12,19 +12,19 @@ use embassy_stm32::pac::{GPIOC, RCC, TIM11};
 const HZ: u32 = 8_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL_HZ: u32 = 16_000_000;
-/// Largest deviation, %.
+/// Largest allowed deviation from the nominal frequency, %.
 const TOLERANCE: u32 = 9;
-/// Divider of the crystal before the timer, and edges per capture.
+/// Divider of the crystal's frequency before the timer; below, edges per capture.
 const DIVIDER: u32 = 31;
 const EDGES: u32 = 8;
 /// Captures per measurement; the counter overflows after 4 ms, so the captures must be closer than that.
 const CAPTURES: u32 = 32;
-/// Polls of a flag, about 10 cycles each: 0.1 s for the start, 1 ms for a capture.
+/// Polls until a flag counts as missing, about 10 cycles each: 0.1 s for the crystal's start, 1 ms for a capture.
 const START_POLLS: u32 = 160_000;
 const CAPTURE_POLLS: u32 = 1_600;
 /// Value of TIM11's option register that connects the divided crystal to the timer.
 const HSE_RTC: u32 = 2;
-/// Half a blink period, turns of a three-cycle delay: 20 flashes a second.
+/// Half a blink period as turns of a three-cycle delay; the LED flashes 20 times a second.
 const BLINK: u32 = INTERNAL_HZ / 3 / 40;
 /// Blinks between two measurements.
 const BLINKS: u32 = 8;
@@ -59,7 +59,7 @@ fn start() -> Option<()> {
         .map(drop)
 }
 
-/// Frequency of the crystal, Hz; `None` without edges.
+/// Frequency of the crystal, Hz; `None` if an edge is missing for 1 ms.
 fn measure() -> Option<u32> {
     RCC.cfgr().modify(|w| w.set_rtcpre(DIVIDER as u8));
     RCC.apb2enr().modify(|w| w.set_tim11en(true));

@@ -6,7 +6,7 @@
 //!
 //! Nothing here can fail.
 
-/// Half of the buffer.
+/// Half of the DMA buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// From the start of the buffer to its middle.
@@ -70,7 +70,7 @@ mod tests {
                     {
                         reader = Some((number, half.begins(BLOCK), sample + delay));
                     }
-                    // The reader copies its block over `reading` samples.
+                    // Copying the block takes `reading` samples.
                     let Some((of, begins, from)) = reader else {
                         continue;
                     };

@@ -11,9 +11,9 @@ static BUS: InterruptExecutor = InterruptExecutor::new();
 
 /// Spawners of both executors.
 pub struct Spawners {
-    /// For the tick.
+    /// Spawner of the tick's executor.
     pub tick: SendSpawner,
-    /// For the bus.
+    /// Spawner of the bus's executor.
     pub bus: SendSpawner,
 }
 

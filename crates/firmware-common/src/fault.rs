@@ -39,7 +39,7 @@ pub fn counts() -> Faults {
     with_record(|record| record.faults)
 }
 
-/// Message of the fault that caused this start.
+/// Message of the fault that restarted the board.
 static LAST: Mutex<Cell<Text>> = Mutex::new(Cell::new(Text::EMPTY));
 
 /// Counts of faults and the last message, for a host.
@@ -135,7 +135,7 @@ fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
             let count = count(&mut record.faults);
             *count = count.saturating_add(1);
             record.message = Text::EMPTY;
-            // Text beyond the room of the message is cut off.
+            // Text beyond the longest message is cut off.
             let _ = record.message.write_fmt(what);
         });
         // The log is not flushed: a flush would wait for a probe that has been disconnected.
@@ -205,7 +205,7 @@ unsafe extern "C" fn HardFault() {
         "movw r3, #:lower16:_stack_end",
         "movt r3, #:upper16:_stack_end",
         "cmp r2, r3",
-        // Stacked pc and lr.
+        // The stacked pc and lr are read only if the stack pointer is in RAM.
         "itt hs",
         "ldrhs r0, [r2, #24]",
         "ldrhs r1, [r2, #20]",

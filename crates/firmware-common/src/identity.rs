@@ -10,7 +10,7 @@ use crate::timing::Every;
 /// Health reports per identity message; 10 are one second.
 const EVERY: u8 = 10;
 
-/// The board's identity.
+/// Source of the board's identity messages.
 pub struct Identity {
     chip: Hash24,
     build: Hash24,
@@ -29,7 +29,7 @@ impl Identity {
         }
     }
 
-    /// Returns the identity message once a second; call it with each health report.
+    /// Returns the identity message once a second, `None` otherwise; call it with each health report.
     pub fn message(&mut self, board: Role, sequence: u8) -> Option<Message> {
         self.every.tick().then_some(Message::BoardIdentity {
             board,

@@ -4,7 +4,7 @@ use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::PC12;
 
-/// The LED.
+/// LED of the board.
 pub struct Led(Output<'static>);
 
 impl Led {

@@ -21,7 +21,7 @@
 //! | `can` | CAN bus |
 //! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
 //! | `executors` | executors by priority: tick, bus, thread |
-//! | `link` | serial port: identity, orders, reports, and sessions of a rig |
+//! | `link` | serial port: identity, orders, reports, and sessions (hardware in the loop) |
 //! | `tick_loop` | tick loop of every board; a trait supplies the board-specific parts |
 //!
 //! Modules that use no hardware are also built for tests on the host; the others are built for the board only.

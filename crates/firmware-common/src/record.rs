@@ -14,7 +14,7 @@ const CAPACITY: usize = 512;
 /// Marks an unencoded frame; stands in place of the length.
 const FRAME: u32 = 0xff;
 
-/// Entries of one report, encoded.
+/// Encoded log entries of one report.
 pub type Entries = heapless::Vec<u8, REPORT_ENTRIES>;
 
 /// Queue of entries, each in whole words after a byte with its length.
@@ -51,7 +51,7 @@ impl Ring {
     }
 }
 
-/// The tick's end. The bus and the nodes have a clone each; all clones belong to one task, the only writer.
+/// The tick's end of the ring. The bus and the nodes have a clone each; all clones belong to one task, the only writer.
 #[derive(Clone)]
 pub struct Recorder(&'static Ring);
 
@@ -119,7 +119,7 @@ const fn words(length: usize) -> usize {
     (length + 4) / 4
 }
 
-/// The link's end.
+/// The link's end of the ring.
 pub struct Reader {
     ring: &'static Ring,
     /// True if the next entry did not fit into the last report.
@@ -180,7 +180,7 @@ impl Reader {
     }
 }
 
-/// Encodes the frame of these three words.
+/// Encodes the bus frame that three words of the ring hold.
 fn frame(room: &mut [u8], [head, low, high]: [u32; 3]) -> &[u8] {
     let mut data = [0; 8];
     data[..4].copy_from_slice(&low.to_le_bytes());

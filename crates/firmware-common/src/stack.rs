@@ -37,8 +37,8 @@ pub(crate) fn guard() {
     cortex_m::asm::isb();
 }
 
-/// True if a fault is a stack overflow: the stack pointer left the stack, or the denied address
-/// lies in the guard. `status` and `address` are the registers CFSR and MMFAR.
+/// True if a fault is a stack overflow: the stack pointer left the stack, the processor could not stack registers on
+/// exception entry, or the denied address lies in the guard. `status` and `address` are the registers CFSR and MMFAR.
 pub(crate) fn overflowed(sp: u32, status: u32, address: u32) -> bool {
     const ADDRESS_VALID: u32 = 1 << 7;
     const ON_ENTRY: u32 = 1 << 4;
@@ -57,7 +57,7 @@ fn end() -> u32 {
 /// Largest stack use so far, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HighWater {
-    /// Largest use, bytes.
+    /// Largest stack use, bytes.
     pub used: usize,
     /// Allowed use, bytes: `_stack_budget` in `memory.x`, which the linker reserves.
     pub budget: usize,

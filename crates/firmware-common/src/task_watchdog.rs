@@ -57,7 +57,7 @@ impl<const N: usize> TaskWatchdog<N> {
         (task_watchdog, counts.each_ref().map(CheckIn))
     }
 
-    /// Runs the checks for ever.
+    /// Checks every 0.1 s, for ever, that all tasks report.
     pub async fn run(mut self) -> ! {
         loop {
             Timer::after(CHECK_EVERY).await;

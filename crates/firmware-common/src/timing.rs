@@ -13,9 +13,9 @@ const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// Largest jitter and longest tick, µs, at most 4095 each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// Largest deviation of the time between two starts from the period.
+    /// Largest deviation of the time between two starts from the period, µs.
     pub jitter_us: u16,
-    /// Longest tick.
+    /// Longest duration of a tick, µs.
     pub longest_us: u16,
 }
 
@@ -80,7 +80,7 @@ pub struct Every {
 }
 
 impl Every {
-    /// Becomes due with every `ticks`-th tick.
+    /// A divider that is due with every `ticks`-th tick.
     pub const fn new(ticks: u8) -> Self {
         Self { ticks, since: 0 }
     }

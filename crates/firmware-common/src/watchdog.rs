@@ -102,7 +102,7 @@ const WINDOW_TIMEOUT_US: u32 = 6_241;
 pub struct WindowWatchdog(wdg::WindowWatchdog<'static, peripherals::WWDG>);
 
 impl WindowWatchdog {
-    /// Starts the window watchdog.
+    /// Starts the window watchdog, which only a reset can stop.
     pub fn start(peripheral: Peri<'static, peripherals::WWDG>) -> Self {
         let watchdog = wdg::WindowWatchdog::new(peripheral, WINDOW_TIMEOUT_US, 0);
         if !WWDG.cr().read().wdga() {
@@ -111,7 +111,7 @@ impl WindowWatchdog {
         Self(watchdog)
     }
 
-    /// Restarts the timeout.
+    /// Restarts the timeout of the window watchdog.
     pub fn feed(&mut self) {
         self.0.pet();
     }

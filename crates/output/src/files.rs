@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 use tempfile::{Builder, NamedTempFile};
 
-/// Failed operation on a file.
+/// Failed operation on a file or directory.
 #[derive(Debug)]
 pub struct OutputError {
-    /// Operation, the text after "cannot".
+    /// Failed operation, as text after "cannot".
     pub action: &'static str,
-    /// File or directory.
+    /// File or directory of the operation.
     pub path: PathBuf,
-    /// Cause.
+    /// Cause of the failure.
     pub source: io::Error,
 }
 
@@ -275,7 +275,7 @@ pub fn json(value: &impl Serialize) -> String {
 pub enum Cell {
     /// A number of the simulation.
     Double(f64),
-    /// A number of the on-board code; its text is shorter than that of the same value in double precision.
+    /// A number of the on-board code; its text is shorter than the text of the equal `f64`.
     Single(f32),
     /// A counter.
     Integer(i64),
@@ -349,7 +349,7 @@ impl Csv {
         written.expect("as many cells in a row as in the header");
     }
 
-    /// Text of header and rows.
+    /// Header and rows as text.
     pub fn into_bytes(self) -> Vec<u8> {
         self.0.into_inner().expect("rows in memory")
     }
@@ -446,7 +446,7 @@ mod tests {
         try_file(&path).unwrap();
         assert_eq!(names(path.parent().unwrap()), ["table.json"]);
         assert_eq!(fs::read(&path).unwrap(), b"{}");
-        // A directory as file, and a path through a file.
+        // A directory is not a file, and a path cannot continue below a file.
         assert!(try_file(root.path()).is_err());
         assert!(try_file(&path.join("below")).is_err());
         assert!(write_file(&path.join("below"), "x").is_err());

@@ -55,8 +55,8 @@ impl Table {
         self
     }
 
-    /// Widths of the columns. If the table is wider than `limit`, the widest columns shrink to their longest word, and
-    /// if necessary further to the longest part of a name.
+    /// Widths of the columns, characters. If the table is wider than `limit`, the widest columns shrink to their
+    /// longest word, then to the longest piece of a name ([`PARTS`]).
     fn widths(&self, limit: usize) -> Vec<usize> {
         let longest = |separators: &[char]| {
             let mut widths = Vec::new();

@@ -97,7 +97,7 @@ pub fn print_page(markdown: &str) -> Result<(), Error> {
     print(markdown)
 }
 
-/// Error for a part that is not in this build, with the command that builds it.
+/// Error for a feature that is not in this build, with the command that builds it.
 pub fn left_out(part: &str) -> Error {
     let arguments = std::env::args().skip(1).collect::<Vec<_>>();
     let arguments = shlex::try_join(arguments.iter().map(String::as_str)).unwrap_or_default();

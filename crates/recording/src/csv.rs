@@ -22,7 +22,7 @@ impl<'a> CsvRow<'a> {
         self.0.extend(names.zip(cells));
     }
 
-    /// Appends a cell.
+    /// Appends one cell to the row.
     pub fn cell(&mut self, name: &'a str, cell: Cell) {
         self.0.push((name, cell));
     }

@@ -95,7 +95,7 @@ pub fn plain(comment: &str) -> String {
         .trim()
         .replace('"', "'")
         .replace(['`', '[', ']'], "");
-    // Paths of rustdoc links.
+    // These paths of rustdoc links are removed.
     let paths = [
         ("(crate::safety::Condition)", ""),
         ("(super::layout::schema)", ""),

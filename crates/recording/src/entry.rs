@@ -62,12 +62,12 @@ impl<'de> Deserialize<'de> for Exact {
     }
 }
 
-/// Bytes in hexadecimal.
+/// Bytes that a log holds in hexadecimal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Hex(pub Vec<u8>);
 
 impl Hex {
-    /// Encodes a value as postcard.
+    /// Encodes a value as postcard bytes.
     pub fn of<T: Serialize>(value: &T) -> Self {
         // Encoding fails only if `Serialize` fails, which no type of this project does.
         Self(postcard::to_extend(value, Vec::new()).unwrap_or_default())
@@ -297,22 +297,22 @@ messages! {
 /// A bus frame with its decoded message; replay reads only the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoggedFrame {
-    /// Name of the message.
+    /// Name of the bus message.
     #[serde(skip_deserializing)]
     pub name: &'static str,
-    /// Encoded frame.
+    /// Encoded frame, as on the bus.
     pub frame: Can,
-    /// Message as the receivers decode it.
+    /// Message as the receivers decode it; `None` if the frame does not decode.
     #[serde(skip_deserializing)]
     pub message: Option<Message>,
 }
 
-/// Position and heading.
+/// Posture as JSON object: position and heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// x, m.
+    /// x of the position, m.
     pub x_m: f64,
-    /// y, m.
+    /// y of the position, m.
     pub y_m: f64,
     /// Heading, rad.
     pub phi_rad: f64,
@@ -339,10 +339,10 @@ impl From<Pose> for [f64; 3] {
 /// A posture with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimated {
-    /// Posture.
+    /// Estimated posture.
     #[serde(flatten)]
     pub pose: Pose,
-    /// Covariance of (x, y, phi).
+    /// Covariance of the estimate's (x, y, phi), in m and rad.
     pub covariance: [[f32; 3]; 3],
 }
 

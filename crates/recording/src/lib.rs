@@ -59,11 +59,12 @@ use writer::{Files, Note, Writer};
 /// Destinations of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Destinations {
-    /// MCAP file.
+    /// Path of the MCAP file; `None` without a log.
     pub log: Option<PathBuf>,
-    /// CSV file of the epochs, or folder of tables of epochs, ticks and bus frames.
+    /// Path of the CSV file of the epochs, or of the folder with tables of epochs, ticks and bus frames; `None` without
+    /// tables.
     pub csv: Option<PathBuf>,
-    /// Address of the server for live viewers.
+    /// Address of the server for live viewers; `None` without a server.
     pub live: Option<SocketAddr>,
     /// Origins of web pages that may connect to the server; pages of this machine are always allowed.
     pub live_origin: Vec<String>,
@@ -113,7 +114,7 @@ pub struct About<'a> {
     pub scenario: &'a Scenario,
 }
 
-/// Error of a log.
+/// Failure of writing a log.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }
@@ -122,7 +123,7 @@ fn failed(error: impl std::fmt::Display) -> Error {
 #[derive(Clone)]
 pub struct Session {
     writer: Arc<Mutex<Writer>>,
-    /// Common time of recorded boards at the start of the run, µs.
+    /// Starts a recording; `None` if no destination is given.
     zero: Arc<OnceLock<i64>>,
 }
 
@@ -170,7 +171,7 @@ impl Session {
         }
     }
 
-    /// Waits for a viewer if the run is served and no line was recorded yet; an error if the flag is set meanwhile.
+    /// Waits for a viewer if the run is served and no line was recorded yet; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),

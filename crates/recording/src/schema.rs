@@ -4,7 +4,7 @@
 use output::files::Cell;
 use serde_json::{Value, json};
 
-/// Type of a field.
+/// Type of a message's field in a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Integer.
@@ -34,13 +34,13 @@ pub enum Kind {
 /// One field of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Field {
-    /// Name.
+    /// Name of the field.
     pub name: &'static str,
-    /// Type.
+    /// Type of the field.
     pub kind: Kind,
     /// True if the field may be null.
     pub optional: bool,
-    /// Unit and meaning.
+    /// Unit and meaning of the field.
     pub text: &'static str,
 }
 
@@ -55,9 +55,9 @@ pub struct Schema {
     pub fields: &'static [Field],
 }
 
-/// Type of a message's field.
+/// Rust type that can be a field of a message.
 pub trait Logged {
-    /// Kind of the type.
+    /// Field type in the schema.
     const KIND: Kind;
     /// True if the field may be null.
     const OPTIONAL: bool = false;

@@ -73,7 +73,7 @@ impl Tables {
         })
     }
 
-    /// Adds an epoch.
+    /// Adds the record of an epoch.
     pub fn epoch(&mut self, record: &Record) {
         self.records.push(record.clone());
     }

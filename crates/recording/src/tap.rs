@@ -13,7 +13,7 @@ use host_sim::targets::{
     Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport, Traffic,
 };
 
-/// A recorded board.
+/// A board whose inputs and outputs are recorded.
 pub struct Tap {
     role: Role,
     target: Box<dyn Target>,
@@ -22,14 +22,14 @@ pub struct Tap {
     encoded: bool,
     /// Tick whose reply is awaited, ms, and its samples.
     begun: Option<(u32, Samples)>,
-    /// Next tick, ms.
+    /// Tick after the latest, ms.
     next: u32,
     received: Vec<Can>,
     sent: Vec<CanFrame>,
 }
 
 impl Tap {
-    /// Wraps a board.
+    /// Wraps a board, so that its inputs and outputs go to `session`.
     pub fn new(role: Role, target: Box<dyn Target>, session: Session, encoded: bool) -> Self {
         Self {
             role,

@@ -6,14 +6,14 @@ use super::entry::{
 pub use super::schema::Schema;
 use core_algos::topology::{Role, Topology};
 
-/// A topic.
+/// A topic of a log.
 #[derive(Clone, Debug)]
 pub struct Topic {
-    /// Name.
+    /// Name of the topic.
     pub name: String,
     /// Schema of the messages.
     pub schema: Schema,
-    /// Rate.
+    /// Rate of the messages, in words.
     pub rate: &'static str,
 }
 

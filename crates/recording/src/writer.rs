@@ -12,7 +12,7 @@ use std::thread::{Builder, JoinHandle};
 
 /// Notes per batch; each batch wakes the writer thread.
 const BATCH: usize = 256;
-/// Batches that the queue holds.
+/// Number of batches that the queue holds.
 const WAITING: usize = 32;
 
 /// Item of a recording.
@@ -63,7 +63,6 @@ impl Files {
     }
 }
 
-/// Writer thread.
 struct Thread {
     to: SyncSender<Vec<Note>>,
     handle: JoinHandle<Option<Box<Files>>>,
@@ -91,9 +90,8 @@ impl Thread {
     }
 }
 
-/// State of the writer.
 enum WriterState {
-    /// No note was taken yet, or no thread could be started and notes are written by the caller.
+    /// The caller writes: no note was taken yet, or no thread could be started.
     Inline(Box<Files>),
     Threaded(Thread),
     Closed,
@@ -120,7 +118,7 @@ impl Writer {
         }
     }
 
-    /// The files, before the first note.
+    /// The files; `None` once the writer thread has them.
     pub fn files(&mut self) -> Option<&mut Files> {
         match &mut self.state {
             WriterState::Inline(files) => Some(files),
@@ -128,7 +126,7 @@ impl Writer {
         }
     }
 
-    /// Takes a note.
+    /// Queues a note for the thread, or writes the note if there is no thread.
     pub fn take(&mut self, note: Note) {
         if !self.tried {
             self.tried = true;
@@ -177,7 +175,7 @@ impl Writer {
 
 impl Drop for Writer {
     fn drop(&mut self) {
-        // Completes the files; an error cannot be reported here.
+        // This completes the files; `drop` cannot return an error.
         let _ = self.finish();
     }
 }

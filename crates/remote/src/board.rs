@@ -78,7 +78,7 @@ impl Remote {
         self.channel.attempts = INTERACTIVE_ATTEMPTS;
     }
 
-    /// Starts a session: a board that drives resets into one. Checks role and protocol of the board.
+    /// Starts a session; a driving board resets first. Checks the board's role and protocol.
     pub(super) fn open_session(&mut self) -> Result<(), Fault> {
         self.change_session("a session", true, &Request::Rig)
     }
@@ -88,7 +88,7 @@ impl Remote {
         self.change_session("the end of its session", false, &Request::EndSession)
     }
 
-    /// Repeats the request until the board is in a session (`open`) or in none.
+    /// Repeats the request until the board is in a session (`open`) or in none; an error after four attempts.
     fn change_session(&mut self, what: &str, open: bool, request: &Request) -> Result<(), Fault> {
         for _ in 0..MAX_STALE_REPLIES {
             if self.exchange_hello()? == open {
@@ -142,7 +142,7 @@ impl Remote {
         }
     }
 
-    /// The link.
+    /// Link to the board.
     pub(super) fn link(&mut self) -> &mut dyn Link {
         self.channel.link.as_mut()
     }
@@ -277,7 +277,8 @@ pub(super) fn refused(board: &str, what: &str, reply: Reply) -> Fault {
 }
 
 impl Drop for Remote {
-    /// The board returns to driving; without a reply it does so after a timeout.
+    /// Ends the session without waiting for the reply. If the request is lost, the board ends the session after its
+    /// timeout.
     fn drop(&mut self) {
         if !self.build.is_empty() {
             let _ = self.channel.send_request(&Request::EndSession);
@@ -463,7 +464,7 @@ pub(super) struct RequestChannel {
     repeated: u64,
     latency_us: u32,
     reply_bytes: u64,
-    /// Bytes received since the request.
+    /// Bytes received since the latest request.
     unmatched: Unanswered,
     /// Times a request is sent before the board counts as lost.
     attempts: u32,
@@ -505,7 +506,7 @@ impl RequestChannel {
         Ok(bytes.len())
     }
 
-    /// Waits for the reply to the latest request, which is repeated up to `attempts` times.
+    /// A hello starts with frame delimiters, so that an unfinished earlier frame does not spoil the hello.
     pub(super) fn receive_reply(&mut self) -> Result<Reply<'_>, Fault> {
         self.reply_bytes = 0;
         self.unmatched = Unanswered::to(self.sent_frame.bytes());

@@ -1,5 +1,5 @@
-//! Link to a board of a robot that drives, over its serial port: bus frames and record, at the front board also
-//! orders and output of the lead node. A host commands the robot while it holds the lease
+//! Link to one board of a driving robot, over its serial port. It carries bus frames and the record, at the front board
+//! also orders and the lead node's output. A host commands the robot while it holds the lease
 //! ([`core_algos::link::lease`]).
 //!
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
@@ -30,11 +30,11 @@ const REPEAT_AFTER_US: Micros = 250_000;
 const REPLY_TIMEOUT_US: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
 const RENEW_INTERVAL_US: Micros = TERM / 8;
-/// Outputs of the lead node after which their free room is current: two older outputs may arrive after an order is
-/// executed.
+/// Number of outputs of the lead node after an order until the free room that they report is current: two older outputs
+/// may still arrive.
 const FRESH_OUTPUTS: u32 = 3;
 
-/// Subject of a request.
+/// Subject of a request to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     /// Renewal of the lease.
@@ -46,7 +46,7 @@ enum Subject {
 }
 
 impl Subject {
-    /// Name in error messages.
+    /// Name of the subject in error messages.
     fn name(self) -> &'static str {
         match self {
             Self::Lease => "lease",
@@ -65,11 +65,12 @@ struct Pending {
     frame: SerialFrame,
     /// Time of the latest transmission, µs.
     sent: Option<Micros>,
-    /// Time since which the reply is missing, µs; a replaced speed command passes its time on.
+    /// Time since which the reply is missing, µs; a newer speed command takes over the time of the command that it
+    /// replaces.
     since: Option<Micros>,
 }
 
-/// Number of the latest order of a host; a clone counts on its own.
+/// Number of the host's latest order. A clone is a separate counter.
 #[derive(Default)]
 struct Sequence(Arc<AtomicU16>);
 
@@ -80,7 +81,7 @@ impl Clone for Sequence {
 }
 
 impl Sequence {
-    /// Second handle to this counter.
+    /// Second handle to the same counter.
     fn shared(&self) -> Self {
         Self(self.0.clone())
     }
@@ -111,18 +112,18 @@ pub struct BoardLink {
     denied: bool,
     /// Numbered orders that the board may still report as executed.
     orders: VecDeque<(u16, Order)>,
-    /// Number of the latest report.
+    /// Sequence number of the latest report; `None` before the first.
     report: Option<u16>,
-    /// Reports since the start.
+    /// Number of reports received.
     reports: u64,
-    /// Requests with a reply.
+    /// Number of requests that the board has answered.
     answered: u32,
     lost: u16,
     build: String,
-    /// Random number of this host for its lease, and number of its latest order.
+    /// Random number that identifies this host in its lease; below, number of its latest order.
     owner: u16,
     sequence: Sequence,
-    /// `Some` while this host has the lease: time of the latest order or renewal sent, µs.
+    /// Time of the latest order or renewal sent, µs; `Some(None)` before the first is sent, `None` without the lease.
     lease_renewed: Option<Option<Micros>>,
     leased: bool,
 }
@@ -156,7 +157,7 @@ impl BoardLink {
         }
     }
 
-    /// Discards all earlier requests and watches the board.
+    /// Discards all earlier requests; then requests the board's identity and its reports.
     pub fn open(&mut self) {
         let (number, sequence) = (self.number, self.sequence.shared());
         *self = Self {
@@ -213,7 +214,8 @@ impl BoardLink {
         Ok(())
     }
 
-    /// Takes a report; a lost or damaged report ends the record.
+    /// Takes a report. The record ends if a report is lost or damaged, if the board's buffer overflowed, or if the
+    /// board executed an order of another program.
     fn reported(&mut self, (sequence, lost): (u16, u16), entries: &[u8]) {
         let before = self.report.replace(sequence);
         let lost_before = std::mem::replace(&mut self.lost, lost);
@@ -244,7 +246,7 @@ impl BoardLink {
         }
     }
 
-    /// Ends the record.
+    /// Ends the record of the board, with the reason.
     pub fn end_record(&mut self, reason: &str) {
         if let Some(record) = &mut self.record {
             record.end(reason.to_owned());
@@ -289,7 +291,7 @@ impl BoardLink {
             (pending.sent, pending.since) = (None, None);
         }
         if self.lease_renewed.is_some() && self.waiting.is_empty() {
-            // Renews the lease before it lapses.
+            // This request renews the lease before it lapses.
             let stamp = self.stamp();
             self.queue_request(Subject::Lease, &Request::Keep(stamp));
         }
@@ -313,7 +315,7 @@ impl BoardLink {
         if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
             latest.since = late.since;
         }
-        // Keeps the waiting orders and the latest sent ones.
+        // Keeps as many orders as may still be reported as executed.
         let most = 2 * self.waiting.len() + 64;
         self.orders.drain(..self.orders.len().saturating_sub(most));
         self.outputs = 0;
@@ -330,7 +332,7 @@ impl BoardLink {
         self.queue_request(Subject::Other("command"), &Request::Keep(stamp));
     }
 
-    /// Ends the lease.
+    /// Requests the end of the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
         self.queue_request(Subject::Other("release"), &Request::Release(stamp));
@@ -423,7 +425,7 @@ impl BoardLink {
         &self.build
     }
 
-    /// Bytes to send at `now`; an error if the board is silent.
+    /// Bytes to send at `now`; `None` while nothing is due. An error if the board has not replied for 5 s.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
         if let Some(lease_renewed) = &mut self.lease_renewed {
             let due = now.saturating_sub(*lease_renewed.get_or_insert(now)) >= RENEW_INTERVAL_US;
@@ -534,7 +536,8 @@ impl BoardLink {
         Ok(())
     }
 
-    /// Appends a part of an output; a part out of sequence is dropped, with its output.
+    /// Appends a part of an output; true if the output is complete. A part out of sequence is dropped, and with it the
+    /// rest of its output.
     fn join(
         parts: &mut Vec<u8>,
         (offset, part): (usize, &[u8]),

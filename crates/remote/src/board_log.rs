@@ -46,7 +46,7 @@ impl BoardLog {
         logs
     }
 
-    /// The lines so far.
+    /// Decoded lines of the log so far.
     pub fn text(&self) -> String {
         self.lines
             .lock()

@@ -16,14 +16,14 @@ use std::time::{Duration, Instant};
 use twox_hash::XxHash3_64;
 use virtual_board::image::Image;
 
-/// The boards' target.
+/// Rust target of the boards' images.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Environment variables that name images.
+/// Environment variables that name the image files of axle boards and beam board.
 const AXLE_IMAGE: &str = "CFMMR_AXLE_IMAGE";
 const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
 
-/// Duration of a build after which it is reported, and polling interval.
+/// Duration of a build after which it is reported; below, polling interval.
 const LONG_BUILD: Duration = Duration::from_secs(3);
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -185,8 +185,8 @@ fn check(image: &Image, intact: Option<bool>, package: &str) -> Result<(), Strin
 /// Start of an ELF note with a build id of eight bytes: lengths of name and id, kind, name.
 const BUILD_ID: &[u8] = b"\x04\0\0\0\x08\0\0\0\x03\0\0\0GNU\0";
 
-/// True if the build id matches the file. LLD's `--build-id=fast` is XXH3 over the XXH3 hashes of each MiB, with the
-/// id set to zero. `None` without an id.
+/// True if the build id matches the file; `None` without a build id. LLD's `--build-id=fast` is XXH3 over the XXH3
+/// hashes of each MiB, with the id set to zero.
 fn is_intact(file: &[u8]) -> Option<bool> {
     let length = BUILD_ID.len();
     let place = file.windows(length).position(|part| part == BUILD_ID)? + length;

@@ -16,8 +16,8 @@ type LastAction = Box<dyn FnMut() + Send>;
 
 static LAST_ACTION: Mutex<Option<LastAction>> = Mutex::new(None);
 
-/// Returns a flag that is set by Ctrl-C or by the reader of standard output closing it. A second Ctrl-C ends the
-/// program at once, see [`end_at_once`].
+/// Returns a flag that is set by Ctrl-C, SIGTERM or SIGHUP, or once standard output has no reader. A second Ctrl-C or
+/// SIGTERM ends the program at once, see [`end_at_once`].
 pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let flag = Arc::new(AtomicBool::new(false));
     let set = flag.clone();
@@ -26,7 +26,7 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
         let mut asked = false;
         for signal in signals.forever() {
             set.store(true, Relaxed);
-            // A closing terminal sends several SIGHUP.
+            // SIGHUP never ends the program at once: a closing terminal sends several.
             if signal != SIGHUP && std::mem::replace(&mut asked, true) {
                 end_at_once();
             }
@@ -41,7 +41,8 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(flag)
 }
 
-/// Waits until the last reader of an output is gone. False if the output is not a pipe, socket or terminal.
+/// Waits until the last reader of an output is gone. Returns false at once if the output is not a pipe, socket or
+/// terminal.
 fn has_lost_readers(output: &impl AsFd) -> bool {
     let closed = PollFlags::ERR | PollFlags::HUP;
     loop {
@@ -59,12 +60,12 @@ pub fn set_last_action(action: impl FnMut() + Send + 'static) {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(action));
 }
 
-/// Removes the action.
+/// Removes the action that [`set_last_action`] has set.
 pub fn clear_last_action() {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = None;
 }
 
-/// Ends the program with code 130, after the last action.
+/// Runs the last action, then ends the program with code 130.
 pub fn end_at_once() -> ! {
     if let Some(action) = &mut *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) {
         action();

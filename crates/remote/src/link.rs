@@ -19,13 +19,13 @@ pub trait Link: Send {
     /// Name of the link in reports.
     fn name(&self) -> &'static str;
 
-    /// Sends bytes.
+    /// Sends bytes to the board.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
+    /// Waits for bytes from the board; 0 after the timeout. An error means that the board is gone.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// A second handle for sending, if the link supports one.
+    /// A second handle for sending; `None` if the link supports none.
     fn second(&self) -> Option<File> {
         None
     }
@@ -38,7 +38,7 @@ pub trait Link: Send {
         )))
     }
 
-    /// Ends the board as if it had failed; only the link may report the end.
+    /// Ends the board as if it had failed, so that only an error of the link reports the end.
     fn crash(&mut self) -> Result<(), Error> {
         self.switch_off()
     }
@@ -51,7 +51,7 @@ pub trait Link: Send {
         )))
     }
 
-    /// Switches the board on again.
+    /// Switches the board on again after [`Self::switch_off`] or [`Self::crash`].
     fn switch_on(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
@@ -71,7 +71,7 @@ pub struct Loopback {
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
-    /// File that holds the flash.
+    /// File that holds the flash; `None` if the flash is in memory only.
     file: Option<PathBuf>,
 }
 
@@ -111,7 +111,7 @@ impl Loopback {
     }
 }
 
-/// Flash of a board from a file; `None` if the file does not exist.
+/// Reads a board's flash from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
     match input::bytes(path, input::MAX_DATA_BYTES) {
@@ -192,17 +192,17 @@ impl Descriptors {
         Self { from, to }
     }
 
-    /// A second handle for sending.
+    /// A second handle for sending; `None` if the descriptor cannot be duplicated.
     pub fn second(&self) -> Option<File> {
         self.to.try_clone().ok()
     }
 
-    /// Sends bytes.
+    /// Writes bytes to the descriptor for sending.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.to.write_all(bytes)
     }
 
-    /// Waits for bytes; 0 after the timeout.
+    /// Waits for bytes; 0 after the timeout or a signal. The end of the input is an error.
     pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
         let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];

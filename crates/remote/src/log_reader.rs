@@ -12,7 +12,7 @@ use virtual_board::probe::rtt::Rtt;
 /// Start address of the memory that holds the log.
 const SRAM: u32 = 0x2000_0000;
 
-/// Bytes on their way to the decoder.
+/// Bytes for the decoder, in the order of their arrival.
 struct Stream {
     from: Receiver<Vec<u8>>,
     rest: Vec<u8>,
@@ -21,7 +21,7 @@ struct Stream {
 impl Read for Stream {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         if self.rest.is_empty() {
-            // Without a sender, the log has ended.
+            // A dropped sender ends the log.
             self.rest = self.from.recv().unwrap_or_default();
         }
         let count = self.rest.len().min(buffer.len());
@@ -54,7 +54,7 @@ impl Reader {
         }
     }
 
-    /// Stops reading with the board's log full and blocking.
+    /// Makes the log full and blocking, and stops reading it: the board then waits at its next log entry.
     pub fn hang(&mut self, board: &mut Board) {
         self.rtt.set_blocking(board.chip().sram());
         self.rtt.leave_full(board.chip().sram());

@@ -10,12 +10,12 @@ use host_sim::targets::Fault;
 use host_sim::targets::boards::fatal;
 use output::terminal::note;
 
-/// One parameter of a board.
+/// One parameter of a board, with its value and the source of the value.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardParameter {
-    /// Parameter.
+    /// Row of the parameter table.
     pub parameter: &'static Parameter,
-    /// Value on the board.
+    /// Present value on the board.
     pub value: f32,
     /// Source of the value at the start of the board or at its latest save.
     pub source: Source,
@@ -24,14 +24,14 @@ pub struct BoardParameter {
 }
 
 impl BoardParameter {
-    /// True if the value differs from the image's default.
+    /// True if the value is the board's own: read from the store, or set but not saved.
     pub fn is_own(&self) -> bool {
         self.source == Source::Stored || !self.saved
     }
 }
 
 impl Remote {
-    /// Starts a session.
+    /// Starts a session with the board, in which its parameters can be read and set.
     pub fn start_session(&mut self) -> Result<(), Error> {
         let name = self.name;
         self.open_session().map_err(|fault| fatal(name, fault))
@@ -44,7 +44,7 @@ impl Remote {
             .map_err(|fault| fatal(name, fault))
     }
 
-    /// Parameters whose values are the board's own.
+    /// Parameters with a value of their own on the board ([`BoardParameter::is_own`]).
     pub fn own_parameters(&mut self) -> Result<Values, Error> {
         let parameters = self.parameters()?;
         let own = parameters.iter().filter(|parameter| parameter.is_own());

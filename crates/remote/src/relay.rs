@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::io::{self, Read};
 use std::time::{Duration, Instant};
 
-/// Link to a relayed board.
+/// Link to a board that another board relays.
 pub struct Relay {
     port: Remote,
     to: Role,

@@ -9,7 +9,7 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-/// A serial port.
+/// Link to a board on a serial port.
 pub struct Serial {
     link: Descriptors,
 }

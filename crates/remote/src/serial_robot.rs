@@ -29,12 +29,12 @@ use std::time::{Duration, Instant};
 
 /// Time without a report from the board after which its port is opened again, µs.
 const REOPEN_AFTER_US: Micros = 1_000_000;
-/// Time between attempts to open the port, and time without a report after which the run ends, µs.
+/// Time between attempts to open the port, µs; below, time without a report after which the run ends, µs.
 const REOPEN_INTERVAL_US: Micros = 100_000;
 const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
 const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
-/// Time after which the lease of another program has lapsed.
+/// Time after which the lease of an earlier program has lapsed.
 const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
 /// Longest time for a reporting board to fulfil a request, ms.
@@ -56,7 +56,7 @@ pub struct OtherBoard {
 }
 
 impl OtherBoard {
-    /// A board at this port.
+    /// A board at this port, not yet recorded.
     pub fn new(robot: Topology, role: Role, port: Box<dyn Link>) -> Self {
         Self {
             port: Some(port),
@@ -71,7 +71,7 @@ impl OtherBoard {
             return Ok(());
         };
         if let Some(bytes) = self.link.to_send(now)? {
-            // A failed request is repeated.
+            // A request that cannot be sent is repeated later.
             let _ = port.send(bytes);
         }
         let mut buffer = [0; 512];
@@ -99,7 +99,7 @@ impl OtherBoard {
     }
 }
 
-/// Robot behind serial ports.
+/// Real robot behind the serial port of its front board.
 pub struct SerialRobot {
     connect: Connect,
     /// None while the port is closed.
@@ -109,13 +109,13 @@ pub struct SerialRobot {
     /// Common time of the boards at the start of the run, µs; None until known.
     zero: Option<i64>,
     began: Instant,
-    /// Ticks since the program opened the port, and ticks before the run.
+    /// Ticks since the program opened the port; below, tick at which the run started.
     tick: u64,
     start: u64,
     /// Times of the latest report and of the latest opening of the port, µs.
     last_report: Micros,
     opened: Micros,
-    /// Bytes since the latest report.
+    /// Bytes received since the latest report.
     unanswered: Unanswered,
     reconnected: u32,
     lead: lead::Output,
@@ -202,11 +202,11 @@ impl SerialRobot {
 
     /// Waits for every reply, and then for an output of the lead node.
     fn settle(&mut self) -> Result<(), Error> {
-        // An output sent before the place was set does not contain it.
+        // An output sent before the posture was set still has the former posture.
         self.wait(|robot| robot.link.is_settled() && robot.link.is_fresh())
     }
 
-    /// Runs until the robot is `ready`, for a little longer than it may be silent.
+    /// Steps until the robot is `ready`; an error after 11 s, one second more than the timeout of reports.
     fn wait(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + WAIT_MS;
         while !ready(self) {
@@ -259,7 +259,7 @@ impl SerialRobot {
         self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
     }
 
-    /// Waits for boards whose nodes restart.
+    /// Steps until the boards are recorded and `ready`; an error if a board denies the record, or after 5 s.
     fn await_record(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + RECORD_MS;
         while !ready(self) {
@@ -495,7 +495,8 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        // A speed command that is not renewed also sets this notice.
+        // The notice also follows a speed command that is not renewed, so it counts only for tasks that end by
+        // themselves.
         let ends_itself = matches!(
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }

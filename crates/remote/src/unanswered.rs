@@ -31,7 +31,7 @@ impl Unanswered {
         self.first.extend(bytes.iter().take(missing));
     }
 
-    /// True before the first byte.
+    /// True until bytes are received.
     pub fn is_new(&self) -> bool {
         self.count == 0
     }
@@ -42,7 +42,7 @@ impl Unanswered {
     }
 }
 
-/// Bytes without leading frame delimiters.
+/// The bytes after the leading frame delimiters.
 fn without_delimiters(bytes: &[u8]) -> &[u8] {
     let start = bytes.iter().position(|byte| *byte != 0);
     bytes

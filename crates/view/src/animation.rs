@@ -1,7 +1,7 @@
 //! An animated picture of runs beside each other: SVG that a browser, or a page of Markdown, plays.
 //!
-//! Each panel shows the true robot, its estimate with the 95 % ellipse, the goal and its tolerance. The picture repeats.
-//! A viewer that does not animate shows the end of the runs.
+//! Each panel shows the true robot, its estimate with the 95 % ellipse, the goal and its tolerance. The picture
+//! repeats; a viewer that does not animate shows the end of the runs.
 
 use crate::style::{BODY, ESTIMATE, FRAME, GOAL, INK, OTHERS, REFERENCE, Stroke};
 use host_sim::run::final_error::wrap;
@@ -9,31 +9,31 @@ use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 use std::fmt::Write;
 
-/// Size of the picture, in its units.
+/// Width and height of the picture, in its units.
 const WIDTH: f64 = 800.0;
 const HEIGHT: f64 = 420.0;
 /// Height of the titles above the panels.
 const TITLE: f64 = 52.0;
-/// Height of the legend below them.
+/// Height of the legend below the panels.
 const LEGEND: f64 = 26.0;
-/// Room around the paths, m.
+/// Margin around the paths, m.
 const MARGIN_M: f64 = 0.32;
 /// Time of the run between two positions that are drawn, s.
 const STEP_S: f64 = 0.2;
-/// Speed of the picture against that of the run.
+/// Seconds of the run per second of the picture.
 const SPEED: f64 = 2.0;
-/// Time for which the end is shown, s.
+/// Time for which the picture shows the end of the runs, s.
 const HOLD_S: f64 = 3.0;
 
-/// A run.
+/// A run shown in one panel.
 pub struct Run<'a> {
-    /// Configuration.
+    /// Title of the panel: the run's configuration.
     pub title: String,
-    /// Result.
+    /// Result of the run, in words.
     pub result: String,
-    /// Every epoch.
+    /// Records of all epochs.
     pub records: &'a [Record],
-    /// Goal posture.
+    /// Goal posture of the run.
     pub goal: [f64; 3],
     /// Position tolerance of the goal, m.
     pub tolerance_m: f64,
@@ -63,7 +63,7 @@ impl Map {
     }
 }
 
-/// The picture as text of an SVG file.
+/// Draws the runs, one panel each; returns the text of an SVG file.
 pub fn svg(body: &Body, runs: &[Run]) -> String {
     let size = format!("viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\"");
     let mut text = format!("<svg xmlns=\"http://www.w3.org/2000/svg\" {size}>\n");
@@ -103,7 +103,7 @@ fn legend() -> String {
     format!("<text x=\"12\" y=\"{y}\" font-size=\"12\" fill=\"{ink}\">{words}</text>\n")
 }
 
-/// Middle of the region that all runs need, and the scale at which it fits.
+/// Centre of the region that all runs need, m, and the scale at which the region fits, units per m.
 fn limits(runs: &[Run], [width, height]: [f64; 2]) -> ([f64; 2], f64) {
     let points = runs.iter().flat_map(|run| {
         let path = run.records.iter().map(|record| record.midpoint);
@@ -120,7 +120,7 @@ fn limits(runs: &[Run], [width, height]: [f64; 2]) -> ([f64; 2], f64) {
     ([0, 1].map(|axis| 0.5 * (low[axis] + high[axis])), scale)
 }
 
-/// Records that are drawn.
+/// Records that are drawn: one per [`STEP_S`], and the last.
 fn sampled(records: &[Record]) -> Vec<&Record> {
     let mut next = f64::NEG_INFINITY;
     let due = |record: &&Record| {
@@ -135,10 +135,10 @@ fn sampled(records: &[Record]) -> Vec<&Record> {
     kept
 }
 
-/// Time of the picture.
+/// Time base of the picture.
 #[derive(Clone, Copy)]
 struct Clock {
-    /// Values of an animation.
+    /// Number of values of each animated attribute.
     values: usize,
 }
 
@@ -166,7 +166,7 @@ impl Clock {
     }
 }
 
-/// What a panel is drawn from.
+/// Data of one panel.
 struct Panel<'a> {
     body: &'a Body,
     run: &'a Run<'a>,
@@ -275,7 +275,7 @@ fn estimate(text: &mut String, panel: &Panel, records: &[&Record]) {
         "<line x1=\"-6\" x2=\"14\" y1=\"0\" y2=\"0\" {style}/><line x1=\"0\" x2=\"0\" y1=\"-6\" y2=\"6\" {style}/>"
     );
     moving(text, panel, &postures, &cross);
-    // The covariance is that of the position in global coordinates: the ellipse turns by its own angle.
+    // The covariance is in global coordinates, so the ellipse turns by the angle of its first axis, not by the heading.
     let ellipses: Vec<([f64; 2], f64)> = records
         .iter()
         .map(|r| ellipse(r, panel.map.scale))
@@ -305,7 +305,7 @@ fn estimate(text: &mut String, panel: &Panel, records: &[&Record]) {
     moving(text, panel, &turned, &shape);
 }
 
-/// Half axes of the 95 % ellipse in units of the picture, and the direction of the first, rad.
+/// Half axes of the 95 % ellipse in units of the picture, and the direction of the first half axis, rad.
 fn ellipse(record: &Record, scale: f64) -> ([f64; 2], f64) {
     let p = record
         .lead
@@ -315,7 +315,7 @@ fn ellipse(record: &Record, scale: f64) -> ([f64; 2], f64) {
         .map(|row| row.map(f64::from));
     let mean = 0.5 * (p[0][0] + p[1][1]);
     let half = libm::hypot(0.5 * (p[0][0] - p[1][1]), p[0][1]);
-    // χ² of two degrees of freedom, 95 %.
+    // 95th percentile of χ² with two degrees of freedom.
     let axis = |variance: f64| scale * (5.991 * variance.max(0.0)).sqrt();
     let angle = 0.5 * libm::atan2(2.0 * p[0][1], p[0][0] - p[1][1]);
     ([axis(mean + half), axis(mean - half)], angle)
@@ -409,12 +409,13 @@ mod tests {
         for element in ["animate", "animateTransform"] {
             let values = attributes(&text, element, "values");
             assert!(!values.is_empty());
-            // 10 s in steps of 0.2 s, the end once more, and 3 s of the picture at twice the speed.
+            // 51 values are 10 s in steps of 0.2 s, one repeats the end, and 30 hold it: 3 s of the picture at twice
+            // the speed.
             for values in values {
                 assert_eq!(values.split(';').count(), 51 + 1 + 30);
             }
         }
-        // Without an animation the shapes stand where the run ended: the estimate is at the origin, the ellipse 95 %.
+        // Without animation the shapes show the end of the run: the estimate at the origin, and the 95 % ellipse.
         let radius: Vec<f64> = attributes(&text, "ellipse", "rx")
             .iter()
             .map(|rx| rx.parse().unwrap())

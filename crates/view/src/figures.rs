@@ -15,10 +15,10 @@ use host_sim::world::body::Body;
 /// Goal distance below which θ and α are not drawn, m: near the goal they are dominated by millimetres.
 pub const LEAST_DISTANCE_M: f64 = 0.05;
 
-/// Robot at one instant.
+/// Axles and frames of the robot at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    /// Time, s.
+    /// Time of the snapshot, s.
     pub time_s: f64,
     /// Postures of the axles, front first.
     pub axles: Vec<[f64; 3]>,
@@ -41,39 +41,39 @@ impl Snapshot {
 /// Paths of many trials of one configuration, one of them in full.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathsPanel {
-    /// Configuration, and trial shown in full.
+    /// Title of the panel: configuration, and trial shown in full.
     pub title: String,
     /// Path of O in each of the other trials, m.
     pub others: Vec<Vec<[f64; 2]>>,
     /// Path of O in the trial shown in full, m.
     pub path: Vec<[f64; 2]>,
-    /// Paths of the wheels in that trial, m.
+    /// Paths of the wheels in the trial shown in full, m.
     pub wheels: Vec<Vec<[f64; 2]>>,
-    /// Robot at several instants of that trial.
+    /// Robot at several instants of the trial shown in full.
     pub snapshots: Vec<Snapshot>,
-    /// Goal posture of O, if there is one.
+    /// Goal posture of O; `None` without a goal.
     pub goal: Option<[f64; 3]>,
     /// Tolerance of the goal: position (m), heading (rad).
     pub tolerance: [f64; 2],
     /// Verdict and final posture of O in every trial.
     pub ends: Vec<(Verdict, [f64; 3])>,
-    /// Measured final errors of the paper's robot, if the panel repeats its experiment.
+    /// Measured final errors of the paper's robot; `None` if the panel does not repeat the paper's experiment.
     pub measured: Option<MeasuredEnd>,
 }
 
 /// Final errors of the paper's robot (paper Table 1): mean and standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredEnd {
-    /// Distance from the goal, m.
+    /// Distance from the goal, m: mean and standard deviation.
     pub e_m: [f64; 2],
-    /// Line of sight to the goal, rad.
+    /// Line of sight to the goal, rad: mean and standard deviation.
     pub theta_rad: [f64; 2],
-    /// Line of sight to the goal less the robot's heading, rad.
+    /// Line of sight to the goal less the robot's heading, rad: mean and standard deviation.
     pub alpha_rad: [f64; 2],
 }
 
 impl MeasuredEnd {
-    /// Posture in the coordinates of the goal, cm and rad, whose errors are the means.
+    /// Posture with the mean errors, in the coordinates of the goal, (cm, cm, rad).
     fn mean_posture(&self) -> [f64; 3] {
         let [x, y] = position_cm(self.e_m[0], self.theta_rad[0]);
         [x, y, self.theta_rad[0] - self.alpha_rad[0]]
@@ -244,16 +244,16 @@ fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
     ]
 }
 
-/// Posture errors of one configuration.
+/// Posture errors of one configuration over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorsColumn {
-    /// Configuration and trial.
+    /// Title of the column: configuration and trial.
     pub title: String,
     /// Time, s, and goal errors of the robot's estimate.
     pub estimate: Vec<(f64, FinalError)>,
     /// Time, s, and true goal errors.
     pub truth: Vec<(f64, FinalError)>,
-    /// Final e (m), θ and α (rad) that the paper prints for its robot's own estimate, if it does.
+    /// Final e (m), θ and α (rad) that the paper prints for its robot's own estimate; `None` if it prints none.
     pub measured: Option<[f64; 3]>,
 }
 
@@ -304,7 +304,7 @@ pub fn errors(title: &str, columns: &[ErrorsColumn]) -> Figure {
             .map(|column| error_panel(axis, row, column))
             .collect();
         let [mut time, values] = shared_limits(&panels, 0.0);
-        // Marks at the end of the time are drawn whole.
+        // The time axis is extended so that marks at its end are drawn whole.
         if columns.iter().any(|column| column.measured.is_some()) {
             time[1] += 0.03 * (time[1] - time[0]);
         }

@@ -18,7 +18,7 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 const PAGE: &str = include_str!("page.html");
-/// Placeholders of the data and of the colours for a light and a dark page.
+/// Placeholder of the data; below, placeholders of the colours for a light and a dark page.
 const DATA: &str = "/*DATA*/";
 const LIGHT: &str = "/*LIGHT*/";
 const DARK: &str = "/*DARK*/";
@@ -38,7 +38,7 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let scale = libm::pow(10.0, f64::from(PLACES));
         let value = (self.0 * scale).round() / scale;
-        // NaN becomes null, which plots show as a gap.
+        // NaN and infinity become null, which plots show as a gap.
         match value.is_finite() {
             true if value == value.trunc() => to.serialize_i64(value as i64),
             true => to.serialize_f64(value),
@@ -63,11 +63,11 @@ pub struct Run<'a> {
     pub title: String,
     /// Name of the run among several.
     pub name: String,
-    /// Goal.
+    /// Goal posture; `None` without a goal.
     pub goal: Option<[f64; 3]>,
-    /// Reference path, m.
+    /// Reference path of the run, m.
     pub reference: Vec<[f64; 2]>,
-    /// Epochs, in order.
+    /// Records of the epochs, in order.
     pub records: Vec<&'a Record>,
     /// Errors of the true and of the estimated midpoint, one pair per record.
     pub errors: Vec<[MidpointError; 2]>,
@@ -75,9 +75,9 @@ pub struct Run<'a> {
     pub distance: &'static str,
     /// End of the run, the first rows of the summary.
     pub end: &'a RunEnd,
-    /// Further rows of the summary.
+    /// Rows of the summary after the end of the run: name and value.
     pub summary: Vec<(String, String)>,
-    /// The scenario.
+    /// Scenario of the run.
     pub scenario: &'a Scenario,
 }
 
@@ -119,7 +119,7 @@ impl Run<'_> {
             look: format!("--{look}"),
             data: shown.iter().map(|&i| Rounded(value(i))).collect(),
         };
-        // `value` takes the sample and the number of the series.
+        // `value` takes the index of the epoch and the number of the series.
         let numbered = |names: &[&str], value: &dyn Fn(usize, usize) -> f64| {
             let names = names.iter().enumerate();
             names
@@ -258,7 +258,7 @@ impl Run<'_> {
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
             "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
-            // The heading is unwrapped to the true heading, so that values between two samples interpolate correctly.
+            // Distance from the true to the estimated position, plus twice the larger standard deviation of x and y.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
                 let truth = record.midpoint[2];
@@ -366,7 +366,7 @@ mod tests {
         assert_eq!(run["summary"][1], json!(["End", end]));
         assert_eq!(run["summary"][2], json!(["Notices", "estimate vague"]));
         let times = run["t"].as_array().unwrap();
-        // 50 samples per second, with the first and the last.
+        // 10 s give 50 samples per second, with the first and the last.
         assert!((500..=503).contains(&times.len()), "{}", times.len());
         assert_eq!(times[0], 0.01);
         assert_eq!(times[times.len() - 1], 10.01);
@@ -382,7 +382,7 @@ mod tests {
                 assert_eq!(page.matches(&format!("{look}-dash: ")).count(), 2, "{look}");
             }
         }
-        // No address that the page would fetch.
+        // The page fetches nothing: it contains no address.
         assert!(!page.contains("http://") && !page.contains("https://"));
     }
 }

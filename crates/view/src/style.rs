@@ -34,7 +34,7 @@ impl Rgb {
 /// Pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dash {
-    /// Unbroken.
+    /// Unbroken line.
     Solid,
     /// Long dashes.
     Dashed,
@@ -59,11 +59,11 @@ impl Dash {
 /// Colour, width and pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// Colour.
+    /// Colour of the line.
     pub color: Rgb,
-    /// Width in units of the figure.
+    /// Width of the line in units of the figure.
     pub width: f64,
-    /// Pattern.
+    /// Dash pattern of the line.
     pub dash: Dash,
 }
 
@@ -83,11 +83,11 @@ pub enum Shape {
 /// Mark of constant size on the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// Shape.
+    /// Shape of the mark.
     pub shape: Shape,
     /// Half the size in units of the figure.
     pub radius: f64,
-    /// Colour.
+    /// Colour of the mark.
     pub color: Rgb,
     /// Direction of the stroke from the centre, rad; `None` without a stroke.
     pub heading: Option<f64>,
@@ -118,9 +118,9 @@ impl Mark {
 pub struct Appearance {
     /// Name of the CSS variable on the report page.
     pub name: &'static str,
-    /// Line.
+    /// Colour, width and pattern of the line, the colour for a light page.
     pub stroke: Stroke,
-    /// Colour on a dark page.
+    /// Colour of the line on a dark page.
     pub dark: Rgb,
 }
 
@@ -157,27 +157,27 @@ const fn appearance(
     }
 }
 
-/// True motion.
+/// Appearance of the true motion.
 pub const TRUTH: Appearance = appearance("truth", SERIES[0], 2.0, Dash::Solid);
-/// The robot's estimate.
+/// Appearance of the robot's estimate.
 pub const ESTIMATE: Appearance = appearance("estimate", SERIES[6], 1.6, Dash::Dashed);
-/// Reference path or reference motion.
+/// Appearance of the reference path or reference motion.
 pub const REFERENCE: Appearance = appearance("reference", SERIES[2], 2.0, Dash::DashDot);
-/// Goal posture.
+/// Appearance of the goal posture.
 pub const GOAL: Appearance = appearance("goal", SERIES[2], 2.0, Dash::Solid);
-/// Run that stopped, failed or ran out of time.
+/// Appearance of a run that stopped, failed or ran out of time.
 pub const FAILURE: Appearance = appearance("failure", SERIES[1], 1.8, Dash::Dotted);
-/// Run that ended outside the tolerance.
+/// Appearance of a run that ended outside the tolerance.
 pub const OUTSIDE: Appearance = appearance("outside", SERIES[3], 1.6, Dash::Dashed);
-/// Flexible frame.
+/// Appearance of the flexible frame.
 pub const FRAME: Appearance = appearance("frame", SERIES[4], 3.0, Dash::Solid);
-/// Axles and wheels.
+/// Appearance of axles and wheels.
 pub const BODY: Appearance = appearance("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
-/// Tracks of the wheels.
+/// Appearance of the tracks of the wheels.
 pub const WHEELS: Appearance = appearance("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
-/// Trials that are not drawn in full.
+/// Appearance of trials that are not drawn in full.
 pub const OTHERS: Appearance = appearance("others", SERIES[5], 0.9, Dash::Solid);
-/// Tolerance, and 95 % band.
+/// Appearance of the tolerance and of 95 % bands.
 pub const BAND: Appearance = appearance(
     "band",
     (Rgb(214, 214, 214), Rgb(60, 66, 74)),
@@ -185,28 +185,28 @@ pub const BAND: Appearance = appearance(
     Dash::Solid,
 );
 
-/// Figures that the paper prints for its robot.
+/// Appearance of values that the paper prints for its robot.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Table of all looks.
+/// Appearances of all kinds.
 pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
-/// Look with the `color`-th colour and the `dash`-th pattern.
+/// Appearance with the `color`-th colour and the `dash`-th pattern.
 pub const fn series_by(color: usize, dash: usize) -> Appearance {
     let colors = SERIES[color % SERIES.len()];
     appearance("series", colors, 1.8, DASHES[dash % DASHES.len()])
 }
 
-/// Look of the n-th series without a kind of its own.
+/// Appearance of the n-th series, for series that are not of a kind in [`TABLE`].
 pub const fn series(n: usize) -> Appearance {
     series_by(n, n)
 }
 
 /// Colour of text and of lines that represent all series.
 pub const INK: Rgb = BLACK;
-/// Mark of a figure that the paper prints.
+/// Mark of a value that the paper prints.
 pub const PAPER_MARK: Mark = Mark::new(Shape::Ring, 5.0, PAPER.stroke.color);
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
@@ -250,7 +250,7 @@ pub fn color_scale(value: f64) -> Rgb {
 /// Number of series that the report page has names for: `c0`, `c1`, …
 const PAGE_SERIES: usize = 8;
 
-/// CSS variables of all looks: colours for a light or a dark page, and dashes.
+/// CSS variables of all appearances: colours for a light or a dark page, and dashes.
 pub fn css(dark: bool) -> String {
     let series = (0..PAGE_SERIES).map(|n| (format!("c{n}"), series(n)));
     let named = TABLE.map(|appearance| (appearance.name.to_owned(), appearance));

@@ -3,7 +3,7 @@
 //! A bit consists of a synchronisation segment of one quantum, segment 1 and segment 2; the sample point lies between
 //! segments 1 and 2. A resynchronisation lengthens segment 1 or shortens segment 2 by at most the jump width.
 
-/// Quanta of a bit.
+/// Time quanta per bit.
 const QUANTA: u32 = 14;
 /// Quanta after the sample point, which lies at 78.6 % of the bit. The time before the sample point covers the round
 /// trip over transceivers and cable.
@@ -66,7 +66,7 @@ mod tests {
         let before_ns = quantum_ns * f64::from(1 + timing.segment_1);
         let bit_ns = before_ns + quantum_ns * f64::from(timing.segment_2);
         assert!((bit_ns - 1000.0).abs() < 1e-9, "{bit_ns}");
-        // CiA 301 demands 75 to 90 % of the bit.
+        // CiA 301 demands a sample point at 75 to 90 % of the bit.
         assert!(
             (750.0..=900.0).contains(&before_ns),
             "sampled at {before_ns} ns"
@@ -78,7 +78,8 @@ mod tests {
         let t = BitTiming::new(CLOCK_HZ, BIT_RATE).expect("14 quanta fit three times");
         let quanta = f64::from(1 + t.segment_1 + t.segment_2);
         let (jump, after) = (f64::from(t.jump), f64::from(t.segment_2));
-        // ISO 11898-1: ten bits between two edges, and thirteen from a flag to the next sample.
+        // ISO 11898-1 limits the clock tolerance twice: over the ten bits between two edges, and over thirteen bits
+        // from an error flag to the next sample.
         let tolerance = (jump / (20.0 * quanta)).min(after / (2.0 * (13.0 * quanta - after)));
         assert!(
             tolerance > 0.008,

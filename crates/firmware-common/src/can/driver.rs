@@ -1,9 +1,9 @@
-//! Driver of the CAN controller: the tick's two ends, the interrupts and the supervision.
+//! Driver of the CAN controller: sending and receiving by the tick, interrupts, supervision.
 //!
 //! - **Start**: the driver requests initialisation mode, the only mode in which the bit timing can be written, and then
 //!   leaves it. The controller joins the bus after eleven recessive bits. No code waits for the bus: while it is held
 //!   dominant, the board runs, [`is_off`] is true, and the controller joins once the bus is free.
-//! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when a `TimeSync` had left, and
+//! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when a `TimeSync` has left, and
 //!   drops frames that are too old ([`queues`](super::queues)). The controller repeats a frame until
 //!   a node acknowledges it.
 //! - **Receiving**: `CAN1_RX0` empties the FIFO of three frames and timestamps each frame.
@@ -41,7 +41,7 @@ pub const REPORTS_WITHIN: Micros = 200_000;
 const FIFO_POLLS: u32 = 16;
 
 static HEALTH: Health = Health::new();
-/// Ends of both queues for the handlers, until each handler takes its end.
+/// The handlers' ends of both queues; each handler takes its end at its first run.
 static TRANSMITTER: Mutex<Cell<Option<Transmitter<'static>>>> = Mutex::new(Cell::new(None));
 static FROM_BUS: Mutex<Cell<Option<Producer<'static, Timed>>>> = Mutex::new(Cell::new(None));
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
@@ -62,7 +62,7 @@ pub fn is_off() -> bool {
     !registers::is_joined() || was_off
 }
 
-/// Ends of the bus.
+/// Access to the bus, one end per user.
 pub struct Bus {
     /// The tick's end for sending.
     pub sender: Sender,
@@ -72,7 +72,7 @@ pub struct Bus {
     pub service: ServicePort,
 }
 
-/// The tick's end for sending.
+/// The tick's end for sending messages on the bus.
 pub struct Sender {
     queue: Producer<'static, Timed>,
     service: service::Outgoing,
@@ -80,8 +80,8 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Queues a message and returns it as other boards decode it. Counts a message that cannot be encoded or finds no
-    /// room.
+    /// Queues a message and returns it as other boards decode it; `None` if it cannot be encoded. A message for which
+    /// the queue has no room is counted as dropped.
     pub fn send(&mut self, message: &Message) -> Option<Message> {
         let Ok(frame) = bus::encode(message) else {
             HEALTH.count(|counters| &mut counters.refused);
@@ -110,13 +110,14 @@ impl Sender {
         }
     }
 
-    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus.
+    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus, µs; `None` if none has left
+    /// since the last call.
     pub fn take_sync_sent(&mut self) -> Option<Micros> {
         critical_section::with(|cs| SYNC_SENT.borrow(cs).take())
     }
 }
 
-/// The tick's end for receiving.
+/// The tick's end for receiving messages from the bus.
 pub struct Receiver {
     queue: Consumer<'static, Timed>,
     service: service::Incoming,
@@ -124,7 +125,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// The next message, if there is one.
+    /// The next message; `None` if none waits. Frames of the link go to the link; undecodable frames are counted.
     pub fn take(&mut self) -> Option<Arrived> {
         loop {
             let (local, frame) = self.queue.dequeue()?;
@@ -160,8 +161,8 @@ pub fn start(
         FROM_BUS.borrow(cs).set(Some(from_bus));
     });
     registers::start(can, rx, tx);
-    // Above the tick: the handlers take a few microseconds, and the timestamps that they record synchronise the
-    // boards' clocks.
+    // Their priority is above the tick: the handlers take a few microseconds, and the timestamps that they record
+    // synchronise the boards' clocks.
     for interrupt in [interrupt::CAN1_TX, interrupt::CAN1_RX0, interrupt::CAN1_SCE] {
         interrupt.set_priority(Priority::P3);
         // SAFETY: the handlers' data are set before the interrupts are enabled.
@@ -183,8 +184,8 @@ pub fn start(
     }
 }
 
-/// Handles what has no interrupt: joining the bus, frames that wait too long, the next error. Every check triggers
-/// both handlers, and the task reports to the watchdog only if both ran.
+/// Supervises what raises no interrupt: joining the bus and frames that wait too long. Every check also enables the
+/// error interrupt again and triggers both handlers. The task reports to the watchdog only if both handlers ran.
 #[embassy_executor::task]
 pub async fn supervise(mut check_in: CheckIn) -> ! {
     loop {

@@ -22,7 +22,6 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// All zero.
     const NONE: Self = Self {
         refused: 0,
         dropped: 0,
@@ -48,7 +47,7 @@ impl Health {
         }
     }
 
-    /// Counts one event.
+    /// Adds one to the counter that `which` selects, saturating.
     pub fn count(&self, which: impl FnOnce(&mut Counters) -> &mut u16) {
         critical_section::with(|cs| {
             let mut counters = self.counters.borrow(cs).get();
@@ -58,12 +57,12 @@ impl Health {
         });
     }
 
-    /// The counters.
+    /// Counters of the bus since the start.
     pub fn counters(&self) -> Counters {
         critical_section::with(|cs| self.counters.borrow(cs).get())
     }
 
-    /// Ends the state after bus-off: a frame was acknowledged.
+    /// Records that a frame was acknowledged: the board can send again after bus-off.
     pub fn on_acknowledged(&self) {
         self.was_off.store(false, Ordering::Relaxed);
     }

@@ -8,10 +8,10 @@
 
 use core_algos::time::Micros;
 
-/// Mailboxes of the controller.
+/// Number of transmit mailboxes of the controller.
 pub const COUNT: usize = 3;
 
-/// A frame in a mailbox.
+/// A frame that waits in a mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Waiting {
     /// Identifier of the frame.
@@ -20,7 +20,7 @@ pub struct Waiting {
     pub since: Micros,
 }
 
-/// Content of the mailboxes.
+/// Frames in the three mailboxes; `None` for a free mailbox.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mailboxes([Option<Waiting>; COUNT]);
 

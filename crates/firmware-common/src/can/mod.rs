@@ -44,8 +44,8 @@ pub use health::Counters;
 /// A received message and the local time at which its frame ended.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrived {
-    /// Local time, µs.
+    /// Local time at which the frame ended, µs.
     pub local: Micros,
-    /// The message.
+    /// The received message.
     pub message: Message,
 }

@@ -26,7 +26,7 @@ pub struct Queues {
 }
 
 impl Queues {
-    /// Empty.
+    /// Both queues, empty.
     pub const fn new() -> Self {
         Self {
             sending: Queue::new(),
@@ -50,15 +50,15 @@ impl Queues {
     }
 }
 
-/// Ends of [`Queues`].
+/// Ends of both [`Queues`], for the tick and the interrupt handlers.
 pub struct Ends<'a> {
     /// The tick's end for frames to be sent.
     pub to_send: Producer<'a, Timed>,
-    /// The tick's end for frames that arrived.
+    /// The tick's end for received frames.
     pub arrived: Consumer<'a, Timed>,
-    /// The transmit handler's end.
+    /// The transmit handler's end: queue and mailboxes.
     pub transmitter: Transmitter<'a>,
-    /// The receive handler's end.
+    /// The receive handler's end for received frames.
     pub from_bus: Producer<'a, Timed>,
 }
 

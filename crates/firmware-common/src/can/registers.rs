@@ -44,7 +44,7 @@ pub fn start(
     rx.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
     let fast = AfType::output(OutputType::PushPull, Speed::VeryHigh);
     tx.set_as_af_unchecked(ALTERNATE, fast);
-    // Dropped pins would be disconnected.
+    // Dropping the pins would disconnect them.
     core::mem::forget((rx, tx));
 
     rcc::enable_and_reset::<peripherals::CAN1>();

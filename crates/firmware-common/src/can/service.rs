@@ -32,7 +32,7 @@ pub(super) fn split() -> (Incoming, Outgoing, ServicePort) {
     )
 }
 
-/// The receiver's end.
+/// The bus receiver's end: frames of the link that arrived.
 pub(super) struct Incoming(&'static Frames<ARRIVED>);
 
 impl Incoming {
@@ -47,21 +47,21 @@ impl Incoming {
     }
 }
 
-/// The sender's end.
+/// The bus sender's end: frames of the link to be sent.
 pub(super) struct Outgoing(&'static Frames<SENDING>);
 
 impl Outgoing {
-    /// The next frame to be sent.
+    /// The next frame to be sent; `None` if none waits.
     pub fn next(&mut self) -> Option<CanFrame> {
         self.0.try_receive().ok()
     }
 }
 
-/// The link's end.
+/// The link's end of both channels.
 pub struct ServicePort(&'static Channels);
 
 impl ServicePort {
-    /// Waits for the next frame.
+    /// Waits for the next frame of the link.
     pub async fn receive(&mut self) -> CanFrame {
         self.0.arrived.receive().await
     }

@@ -21,7 +21,7 @@ use crate::record::{Entries, Reader, Recorder, Ring};
 /// Result of an order; an error if the lead node rejected a part.
 pub type OrderResult = Result<(), PathError>;
 
-/// Memory of both ends: one per board, in a static.
+/// Memory of the channels: one per board, in a static.
 pub struct Channels {
     shared: Shared,
     ring: Ring,
@@ -61,7 +61,7 @@ impl Channels {
     }
 }
 
-/// The tick's end.
+/// The tick's end of the channels to the link.
 pub struct TickEnd {
     shared: &'static Shared,
     recorder: Recorder,
@@ -94,7 +94,7 @@ impl TickEnd {
         }
         if let Some((number, order)) = self.shared.order.try_take() {
             let result = order.execute(lead);
-            // The lead node may have accepted some points of a rejected order.
+            // The lead node may have accepted some points of a rejected order, so the recording ends.
             self.put(&match result {
                 Ok(()) => Entry::Carried(number),
                 Err(_) => Entry::End,
@@ -121,14 +121,14 @@ impl TickEnd {
     }
 }
 
-/// The link's end.
+/// The link's end of the channels to the tick.
 pub struct LinkEnd {
     shared: &'static Shared,
     reader: Reader,
 }
 
 impl LinkEnd {
-    /// State of the motors.
+    /// State of the motors, as the tick last set it.
     pub fn motors(&self) -> MotorState {
         let state = self.shared.motors.load(Ordering::Relaxed);
         [MotorState::Off, MotorState::Braking]
@@ -167,7 +167,7 @@ impl LinkEnd {
         self.reader.is_watched()
     }
 
-    /// The latest output of the lead node that was not taken yet.
+    /// Takes the latest output of the lead node; `None` until a new output is published.
     pub fn take_telemetry(&mut self) -> Option<Telemetry> {
         self.shared.telemetry.try_take()
     }

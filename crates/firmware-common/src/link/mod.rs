@@ -47,13 +47,13 @@ pub use tasks::{Link, ends};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Route {
-    /// The board's serial port.
+    /// The board's own serial port.
     Serial = 0x5e55_10e1,
-    /// Another board's serial port, and the bus.
+    /// Another board's serial port; that board relays over the bus.
     Bus = 0x5e55_10e2,
 }
 
-/// Outputs of the link.
+/// Destinations of the link's replies and frames.
 pub trait Output {
     /// Sends a frame at the serial port, after the previous frame.
     fn write(&mut self, bytes: &[u8]);

@@ -1,4 +1,4 @@
-//! The link's serial port and its share of the bus.
+//! Serial port and bus frames of the link.
 
 use core::future::pending;
 
@@ -11,9 +11,9 @@ use super::uart::Uart;
 use super::{Output, Route};
 use crate::can::ServicePort;
 
-/// Serial port and bus.
+/// Serial port of the link and its frames on the bus.
 pub struct Ports {
-    /// Serial port.
+    /// Serial port of the board.
     pub uart: Uart,
     /// Frames of the link on the bus; `None` in a session at the serial port, which does not start the bus.
     pub service: Option<ServicePort>,

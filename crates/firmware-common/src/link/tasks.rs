@@ -26,7 +26,7 @@ use crate::store::chip::Parameters;
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
 
-/// Longest wait for bytes between two feeds of the watchdog.
+/// Longest wait of a link task for an event; a session feeds the watchdog after each wait.
 const IDLE: Duration = Duration::from_millis(100);
 /// Time between reports to a host that watches.
 const REPORT_EVERY: Duration = Duration::from_millis(REPORT_MS);

@@ -21,7 +21,7 @@ use static_cell::ConstStaticCell;
 
 /// Baud rate; the 42 MHz clock gives 913 043, 0.9 % slow, within the tolerance of a UART.
 const BAUD: u32 = 921_600;
-/// Clock of APB1, Hz.
+/// Clock of APB1, from which the baud rate is divided, Hz.
 const CLOCK_HZ: u32 = 42_000_000;
 /// Alternate function of the pins.
 const ALTERNATE: u8 = 7;
@@ -38,7 +38,7 @@ static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// Status bits that a write of 1 keeps: all except transmission complete.
 const KEPT: u32 = 0x3ff & !(1 << 6);
 
-/// The serial port.
+/// Driver of the serial port.
 pub struct Uart {
     /// Read position in the ring buffer.
     read: usize,
@@ -62,7 +62,7 @@ impl Uart {
             ALTERNATE,
             AfType::output(OutputType::PushPull, Speed::Medium),
         );
-        // Dropped pins would be disconnected.
+        // Dropping the pins would disconnect them.
         core::mem::forget((rx, tx));
 
         let uart = pac::USART3;
@@ -82,7 +82,7 @@ impl Uart {
             w.set_dmar(true);
             w.set_dmat(true);
         });
-        // Below the tick, above the thread, whose reader the handler wakes.
+        // The priority is below the tick and above the thread, whose reader the handler wakes.
         interrupt::USART3.set_priority(Priority::P6);
         interrupt::USART3.unpend();
         // SAFETY: the handler of this interrupt is below and shares only signals.
@@ -173,8 +173,8 @@ pub async fn sent() {
 fn USART3() {
     let status = pac::USART3.sr().read();
     if status.idle() {
-        // Clears the flags, including those of line errors, by a read of the data register after the status. The
-        // check of a frame detects line errors. DMA fetched the last byte one byte time ago.
+        // A read of the data register after the status clears the flags, including those of line errors. The frame
+        // check detects line errors. The read loses no byte: DMA fetched the last byte one byte time ago.
         pac::USART3.dr().read();
         IDLE.signal(());
     }

@@ -41,7 +41,7 @@ impl NorFlash for Region {
     const WRITE_SIZE: usize = Sectors::WRITE_SIZE;
     const ERASE_SIZE: usize = Sectors::ERASE_SIZE;
 
-    /// Empties the caches after the erase, even a failed one: they may hold the former contents.
+    /// Empties the caches after the erase, even after a failed one: the caches may hold the former contents.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         let erased = self.0.erase(from, to).await;
         accelerator::flush();
@@ -56,7 +56,6 @@ impl NorFlash for Region {
 /// Addresses of the store in the region; sector 0 holds the vectors.
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
 
-/// Opens the store.
 fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     let region = Flash::new_blocking(flash)
         .into_blocking_regions()
@@ -68,20 +67,21 @@ fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     )
 }
 
-/// The board's parameters.
+/// Parameters of the board and their store in flash.
 pub struct Parameters {
     store: Store<Region>,
     /// Settings of the board if the store is empty.
     base: Settings,
-    /// Settings in use.
+    /// Settings that the nodes use.
     pub settings: Settings,
     /// State of the store at the start.
     pub report: StoreReport,
 }
 
 impl Parameters {
-    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and the report and the log
-    /// show them. The core itself reads the flash, so the call does not wait.
+    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and so have all values if they
+    /// make no valid node together. The report and the log show that. The core itself reads the flash, so the call does
+    /// not wait.
     pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
         let parameters = Self::unread(flash, role);
         parameters.read();
@@ -90,7 +90,7 @@ impl Parameters {
         parameters
     }
 
-    // Called in turn and not inlined, so that each step frees its stack for the next.
+    // `load` calls these steps in turn. They are not inlined, so that each step frees its stack for the next.
 
     #[inline(never)]
     fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
@@ -133,7 +133,7 @@ impl Parameters {
             .ok()
     }
 
-    /// Contents of the store.
+    /// Contents of the store at the latest reading.
     pub(crate) fn contents(&self) -> &Contents {
         self.store.contents()
     }

@@ -2,8 +2,8 @@
 //!
 //! Loading never writes, whatever the sectors hold. A save writes only changed values, then the manifest, and reads
 //! everything back. The next save repairs the effects of a power cut: a sector is erased only if the newest copy of
-//! every value is in another sector. If two attempts fail to store the values, the whole store is erased and written
-//! again.
+//! every value is in another sector. If the store is unreadable or two attempts to save fail, the whole store is erased
+//! and written again.
 //!
 //! Reading does not use the marks at the ends of a sector, by which the library finds the sector in use. Each sector
 //! is read as if in use, and of several copies of a value the newest counts.
@@ -27,8 +27,8 @@ use view::View;
 
 type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
 
-/// Key of an item being read, which leaves the key byte in the value: for an item of no bytes the library would panic
-/// when it cuts the key off.
+/// Key type for reading: it leaves the key byte in the value. With a key of one byte the library panics on an item of
+/// no bytes, when it cuts the key off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct WithKeyByte;
 
@@ -77,7 +77,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Contents at the latest reading.
+    /// Contents of the store at the latest reading.
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
@@ -187,7 +187,7 @@ impl<F: NorFlash> Store<F> {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// State of a sector: true if the library has begun to use it; true if it is blank.
+    /// Two flags of a sector: used by the library, blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         (begun, self.are_blank(sector.clone()).await)
@@ -270,12 +270,12 @@ impl<F: NorFlash> Store<F> {
         start..start + size
     }
 
-    /// The flash.
+    /// Flash of the store.
     pub fn flash(&self) -> &F {
         &self.flash
     }
 
-    /// Returns the flash.
+    /// Releases the flash of the store.
     pub fn into_flash(self) -> F {
         self.flash
     }

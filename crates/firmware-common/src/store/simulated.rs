@@ -19,7 +19,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Integer below `end`.
+    /// Random integer from 0 to `end` − 1.
     pub fn below(&mut self, end: usize) -> usize {
         (self.draw() % end as u64) as usize
     }
@@ -28,7 +28,7 @@ impl Random {
 /// Content of an interrupted word or sector after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// The former content.
+    /// The word or sector keeps its former content.
     Untouched,
     /// Some bits have their new value.
     Bits,
@@ -39,7 +39,7 @@ pub enum Torn {
 }
 
 impl Torn {
-    /// Every kind.
+    /// All outcomes.
     pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
 }
 
@@ -48,9 +48,9 @@ impl Torn {
 pub struct Flash<const SECTOR: usize> {
     /// Bytes of the flash.
     pub bytes: Vec<u8>,
-    /// Words written and sectors erased.
+    /// Number of words written and sectors erased.
     pub steps: u64,
-    /// Sectors erased.
+    /// Number of sectors erased.
     pub erases: u64,
     /// Step at which the power fails, and the outcome of that step.
     pub cut: Option<(u64, Torn)>,
@@ -77,7 +77,8 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         0..self.bytes.len() as u32
     }
 
-    /// Counts a step; the outcome if the power fails in it, an error if it has already failed.
+    /// Counts a step. Returns the outcome of the step if the power fails in it; an error if the power has failed
+    /// before.
     fn step(&mut self) -> Result<Option<Torn>, NorFlashErrorKind> {
         let step = self.steps;
         self.steps += 1;

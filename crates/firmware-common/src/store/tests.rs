@@ -200,8 +200,8 @@ impl Change {
         steps.map(move |step| save_with_cut(&self.before, &self.wanted, (step, torn(step))))
     }
 
-    /// Checks that a start finds each value as acknowledged or as being written; counts the changed values found
-    /// either way.
+    /// Checks that a start finds each value as acknowledged or as being written. Counts the changed parameters in
+    /// `found`: [old value, new value].
     fn assert_found(&self, flash: &TinyFlash, found: &mut [u32; 2]) {
         let (settings, _) = load(flash);
         for parameter in &TABLE {
@@ -280,11 +280,11 @@ fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
 /// Counts of starts with damaged bytes.
 #[derive(Debug, Default)]
 struct Damage {
-    /// Starts with every value intact.
+    /// Number of starts with every value intact.
     intact: u32,
-    /// Values replaced by their defaults, with a notice.
+    /// Number of values replaced by their defaults, with a notice.
     defaults: usize,
-    /// Starts with a wrong value and without a notice.
+    /// Number of starts with a wrong value and without a notice.
     undetected: u32,
 }
 
@@ -303,7 +303,7 @@ fn damage(rounds: u32, max_bytes: usize) -> Damage {
         let mut damaged = flash.clone();
         for _ in 0..1 + random.below(max_bytes) {
             let place = random.below(damaged.bytes.len());
-            // Mostly in the written part, at the front of a sector.
+            // Three of four places lie towards the front of a sector, where the items are.
             let place = match random.below(4) {
                 0 => place,
                 _ => place / 4096 * 4096 + place % 4096 / (1 + random.below(8)),

@@ -19,7 +19,7 @@ impl NorFlashError for ViewError {
     }
 }
 
-/// The view of a sector.
+/// Read-only view of one sector of a flash.
 pub struct View<'a, F> {
     flash: &'a mut F,
     sector: Range<u32>,
@@ -31,7 +31,7 @@ impl<'a, F: NorFlash> View<'a, F> {
         Self { flash, sector }
     }
 
-    /// Byte that the view shows at an address instead of the flash's byte.
+    /// Byte that the view shows instead of the flash's byte; `None` if the view shows the flash's byte.
     fn replaced(&self, address: u32) -> Option<u8> {
         let word = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
         let Range { start, end } = self.sector;

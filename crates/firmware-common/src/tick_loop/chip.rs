@@ -33,7 +33,8 @@ impl Chip {
         }
     }
 
-    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus.
+    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus, µs; `None` if none has left
+    /// since the last call.
     pub fn take_sync_sent(&mut self) -> Option<Micros> {
         self.sender.take_sync_sent()
     }

@@ -36,7 +36,7 @@ const HEALTH: u8 = 100;
 /// Destination of a board's reports for the log.
 pub type Reports<R> = watch::Sender<'static, CriticalSectionRawMutex, R, 1>;
 
-/// Hardware that the loop uses.
+/// Hardware that the tick loop uses.
 pub trait Hardware {
     /// Reports to the task watchdog that the tick runs.
     fn check_in(&mut self);
@@ -48,9 +48,9 @@ pub trait Hardware {
     fn is_bus_off(&self) -> bool;
     /// Switches the LED on or off.
     fn set_led(&mut self, lit: bool);
-    /// The next message that arrived.
+    /// The next message that arrived; `None` if none waits.
     fn receive(&mut self) -> Option<Arrived>;
-    /// Sends a message; returns it as other boards decode it.
+    /// Sends a message and returns it as other boards decode it; `None` if it cannot be encoded.
     fn send(&mut self, message: &Message) -> Option<Message>;
     /// Sends the next frame of the link.
     fn send_link_frame(&mut self);
@@ -58,13 +58,13 @@ pub trait Hardware {
 
 /// Board-specific parts of the tick, in the order in which the loop calls them.
 pub trait BoardTick {
-    /// Hardware of the loop.
+    /// Hardware of the tick loop.
     type Hardware: Hardware;
     /// Input that arrives with the tick.
     type Input;
-    /// Samples of the tick.
+    /// Sensor samples of the tick.
     type Samples;
-    /// Report for the log.
+    /// Board-specific report for the log.
     type LogReport: Clone + 'static;
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
@@ -96,7 +96,7 @@ pub trait BoardTick {
 pub struct Health {
     /// Sequence number of the health messages.
     pub sequence: u8,
-    /// Jitter and longest tick since the last report.
+    /// Largest jitter and longest tick since the last report.
     pub timing: Timing,
     /// Ticks missed since the start.
     pub missed: u16,
@@ -121,13 +121,13 @@ impl Health {
 
 /// Parts of the tick that all boards share.
 pub struct Common<H> {
-    /// Hardware of the loop.
+    /// Hardware of the tick loop.
     pub hardware: H,
-    /// The link.
+    /// The tick's end of the link.
     pub link: TickEnd,
-    /// Common time.
+    /// Common time of the boards, to which the ticks are synchronised.
     pub sync: TickSync,
-    /// Local time of the tick.
+    /// Local time of the tick, µs.
     local: Micros,
     role_conflict: RoleConflict,
     identity: Identity,
@@ -163,7 +163,7 @@ impl<H: Hardware> Common<H> {
             .with(Condition::BusOff, self.hardware.is_bus_off())
     }
 
-    /// Sends a message; returns it as other boards decode it.
+    /// Sends a message and returns it as other boards decode it; `None` if it cannot be encoded.
     pub fn send(&mut self, message: &Message) -> Option<Message> {
         self.hardware.send(message)
     }
@@ -211,7 +211,7 @@ impl<H: Hardware> Common<H> {
     }
 }
 
-/// The loop of a board.
+/// Tick loop of a board.
 pub struct TickLoop<B: BoardTick> {
     board: B,
     common: Common<B::Hardware>,

@@ -149,7 +149,7 @@ impl TickBench {
         let hardware = Fake {
             calls: calls.clone(),
             now: 0,
-            // Close to its end, so that the cycle counter wraps in the first ticks.
+            // The cycle counter starts near its maximum, so that it wraps in the first ticks.
             cycles: u32::MAX - 1_000,
             arrived: VecDeque::new(),
             sent: Vec::new(),
@@ -180,7 +180,7 @@ impl TickBench {
         }
     }
 
-    /// Runs a tick that begins at this local time; `None` is a tick without samples.
+    /// Runs a tick that begins at this local time, or a skipped tick for `None`. Returns the calls.
     fn run_tick(&mut self, local: Option<Micros>) -> Vec<String> {
         self.tick.board.ticks.push_back(local);
         self.tick.common.hardware.now = local.unwrap_or_default();

@@ -48,7 +48,7 @@ fn nanos(tick: u32) -> u64 {
     u64::from(tick) * 1_000_000
 }
 
-/// Channel of JSON messages.
+/// Channel of a log for messages in JSON.
 struct Json {
     channel: Arc<RawChannel>,
     /// True if the log goes to a file, which takes all messages; viewers take only subscribed topics.
@@ -218,7 +218,7 @@ impl Mcap {
         }
     }
 
-    /// Waits for a viewer if the run is served; an error if the flag is set meanwhile.
+    /// Waits for a viewer if the run is served; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.sink.server() {
             Some(server) => server.await_viewer(interrupt),
@@ -447,7 +447,7 @@ impl Mcap {
         Ok(closed?)
     }
 
-    /// Path of the file.
+    /// Path of the file; `None` for a log without a file.
     pub fn path(&self) -> Option<PathBuf> {
         self.sink.path()
     }

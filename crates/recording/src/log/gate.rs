@@ -39,7 +39,7 @@ impl Gate {
                 }
                 let allowed = allowed.clone();
                 if let Ok(outside) = outside {
-                    // A failed connection ends by itself.
+                    // An error ends only this connection.
                     thread::spawn(move || drop(admit(outside, inner, &allowed)));
                 }
             }
@@ -56,7 +56,7 @@ impl Gate {
 impl Drop for Gate {
     fn drop(&mut self) {
         self.closed.store(true, Relaxed);
-        // A connection wakes the waiting listener.
+        // A connection wakes the listener, which then ends.
         let here = match self.address.ip() {
             ip if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
             ip => ip,

@@ -18,7 +18,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Longest time for viewers to take the queued messages at the end.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Subscriptions since the last call, and true once a viewer has subscribed.
+/// Subscriptions since the last call of [`Server::joined`], and true once a viewer has subscribed.
 #[derive(Default)]
 struct Viewers {
     joined: Mutex<Vec<(ChannelId, SinkId)>>,
@@ -72,7 +72,7 @@ impl Server {
         })
     }
 
-    /// Reports the address and waits for a viewer; an error if the flag is set meanwhile.
+    /// Reports the address and waits for a viewer; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         note(format!(
             "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
@@ -107,7 +107,7 @@ impl Server {
         drop(self.gate);
         thread::spawn(move || {
             handle.stop().wait_blocking();
-            // After the timeout the receiver is gone.
+            // The send fails if `stop` has already timed out.
             let _ = ended.send(());
         });
         let _ = end.recv_timeout(STOP_TIMEOUT);

@@ -30,16 +30,16 @@ use std::io::{Cursor, Read, Seek};
 /// Longest delay of the lead node's output after the front board's tick in a log, ms.
 pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
-/// Event of a board.
+/// Event of a board in a log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// The nodes of the board were started.
     Start {
-        /// First tick, ms.
+        /// First tick of the nodes, ms.
         tick: u32,
-        /// Parameters.
+        /// Parameters of the nodes.
         config: Box<RobotConfig>,
-        /// Initial estimate of the lead node.
+        /// Initial estimate of the lead node; `None` without one.
         place: Option<Box<Placement>>,
     },
     /// The board was switched off or lost, or its record ended: tick (ms) and reason.
@@ -59,7 +59,7 @@ impl Event {
         }
     }
 
-    /// Time, ms.
+    /// Time of the event, ms.
     pub fn tick(&self) -> u32 {
         match self {
             Self::Start { tick, .. } | Self::Off(tick, _) | Self::Command(tick, _) => *tick,
@@ -71,17 +71,17 @@ impl Event {
 /// One tick of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedTick {
-    /// Time, ms.
+    /// Time of the tick, ms.
     pub tick: u32,
-    /// Samples.
+    /// Sensor samples of the tick.
     pub samples: Samples,
     /// Frames that arrived before the tick.
     pub received: Vec<CanFrame>,
-    /// Commanded wheel torques, N m.
+    /// Wheel torques that the board commanded, N m.
     pub torque_nm: Wheels<Exact>,
     /// Frames that the board sent.
     pub sent: Vec<CanFrame>,
-    /// Output of the lead node, if it belongs to this tick.
+    /// Output of the lead node; `None` if none belongs to this tick.
     pub lead: Option<Box<lead::Output>>,
 }
 
@@ -109,7 +109,7 @@ pub type Events = Vec<Vec<Event>>;
 /// Complete contents of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Log without the events.
+    /// Metadata and true states of the log.
     pub run: Run,
     /// Events of the boards.
     pub boards: Events,
@@ -229,14 +229,14 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 struct Board {
     /// Time of the latest event, ms.
     last: Option<u32>,
-    /// True if the board is recorded at this position of the log.
+    /// Frames sent since the latest tick entry, with their ticks, ms.
     on: bool,
     ticks: usize,
     /// Frames sent at the tick whose entry follows.
     sent: Vec<(u32, CanFrame)>,
 }
 
-/// State of reading.
+/// State of reading a log.
 struct Reader<'a> {
     run: Run,
     robot: Topology,
@@ -245,7 +245,7 @@ struct Reader<'a> {
     front: VecDeque<Event>,
     /// Outputs of the lead node by tick, ms; a board behind a link delivers them later than the tick.
     leads: HashMap<u32, Box<lead::Output>>,
-    /// Time of the front board's latest event that was passed on since its start, ms.
+    /// Time of the front board's latest event that was passed on, ms; `None` until one was passed on after its start.
     released: Option<u32>,
     to: &'a mut dyn FnMut(Role, Event),
 }

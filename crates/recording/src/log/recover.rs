@@ -14,7 +14,7 @@ const CHUNK_HEAD: usize = 40;
 /// Summary of a recovered log.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Number of messages.
+    /// Number of messages recovered.
     pub messages: u64,
     /// Time of the latest message, ns.
     pub last_ns: u64,
@@ -49,7 +49,7 @@ fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
     sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
-/// Copy being written.
+/// Copy of a log being written.
 struct LogCopy<W: Write + Seek> {
     writer: Writer<W>,
     found: Recovered,
@@ -144,7 +144,7 @@ impl<W: Write + Seek> LogCopy<W> {
             }
             _ => return Ok(()),
         };
-        // The schema may be in a lost chunk.
+        // Adding a channel fails if its schema was in a lost chunk.
         if let Err(error) = added {
             self.note_missing(format!("a channel: {error}"));
         }
@@ -158,7 +158,7 @@ impl<W: Write + Seek> LogCopy<W> {
                 self.found.last_ns = self.found.last_ns.max(header.log_time);
                 Ok(())
             }
-            // The channel was in a lost chunk.
+            // The channel of this message was in a lost chunk.
             Err(McapError::UnknownChannel(..)) => {
                 self.note_missing(format!(
                     "a message at {:.3} s of a lost channel",
@@ -216,7 +216,8 @@ mod tests {
         assert_eq!(recovered(&copy).1, copy);
     }
 
-    /// A log truncated anywhere: all ticks in the file are recovered and replay exactly.
+    /// Cuts a log at five places. Each copy holds the log's events up to the cut, except at most two per board, and
+    /// replays without a difference.
     #[test]
     fn log_truncated_anywhere_keeps_its_complete_records() {
         let log = recorded(1200, |_| ());
@@ -229,7 +230,7 @@ mod tests {
             assert!(!found.missing.is_empty());
             let read = read::read(&copy, "copy").unwrap();
             for (part, all) in read.boards.iter().zip(&whole.boards) {
-                // Outputs of the last tick may follow the tick.
+                // The last events of a board may lack an output of the lead node that followed later.
                 let kept = part.len().saturating_sub(2);
                 assert_eq!(part[..kept], all[..kept]);
             }

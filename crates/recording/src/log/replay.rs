@@ -26,15 +26,15 @@ use std::collections::{BTreeMap, HashMap};
 /// First difference between replay and record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Divergence {
-    /// Tick, ms.
+    /// Tick of the difference, ms.
     pub tick: u32,
     /// Name of the board.
     pub board: &'static str,
     /// Name of the differing signal.
     pub signal: String,
-    /// Recorded value.
+    /// Recorded value of the signal.
     pub recorded: String,
-    /// Replayed value.
+    /// Replayed value of the signal.
     pub replayed: String,
 }
 
@@ -60,7 +60,7 @@ struct ReplayedBoard {
     name: &'static str,
     target: InProcess,
     on: bool,
-    /// Latest output of the lead node.
+    /// Latest output of the lead node; `None` before the first.
     lead: Option<lead::Output>,
 }
 
@@ -228,7 +228,7 @@ impl Comparison {
         }
     }
 
-    /// Takes the next event of a board; ignores events after its first difference.
+    /// Takes the next event of a board; ignores events after the board's first fault or difference.
     pub fn take(&mut self, role: Role, event: &Event) {
         let board = &mut self.boards[self.robot.place(role)];
         if board.found.is_none() {
@@ -237,7 +237,7 @@ impl Comparison {
         }
     }
 
-    /// First difference of all boards.
+    /// Earliest difference of all boards; `None` without one. An error if a board's replay failed before that.
     pub fn first(self) -> Result<Option<Divergence>, Error> {
         let mut first: Option<Divergence> = None;
         for (tick, found) in self.boards.into_iter().filter_map(|board| board.found) {
@@ -281,7 +281,7 @@ impl RecordedEstimates {
     }
 }
 
-/// Estimates of the lead node with other parameters.
+/// Estimates of the lead node if the boards run with other parameters (`change`).
 pub fn replay_estimates(
     robot: Topology,
     boards: &Events,
@@ -293,7 +293,7 @@ pub fn replay_estimates(
         .iter()
         .map(|events| events.iter().peekable())
         .collect();
-    // Tick at which each recorded frame was last sent, and replayed frame of each identifier and tick.
+    // `recorded`: tick at which each recorded frame was last sent. `now`: replayed frame by identifier and tick.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
     let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
     let key = |frame: &CanFrame| (frame.id, frame.length, frame.data);
@@ -341,18 +341,18 @@ pub fn replay_estimates(
     Ok(estimates)
 }
 
-/// Quality of estimates.
+/// Errors and consistency of the estimates of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
     /// Root mean square of the midpoint's position error, m; `None` without the true state.
     pub position_rms_m: Option<f64>,
-    /// Largest position error, m.
+    /// Largest position error, m; `None` without the true state.
     pub position_max_m: Option<f64>,
-    /// Root mean square of the heading error, rad.
+    /// Root mean square of the heading error, rad; `None` without the true state.
     pub heading_rms_rad: Option<f64>,
-    /// Position error at the end, m.
+    /// Position error at the end, m; `None` without the true state.
     pub final_position_m: Option<f64>,
-    /// Heading error at the end, rad.
+    /// Heading error at the end, rad; `None` without the true state.
     pub final_heading_rad: Option<f64>,
     /// Root mean square of the position error of the front axle in the rear axle's frame, m.
     pub relative_rms_m: Option<f64>,
@@ -401,7 +401,7 @@ impl Quality {
 }
 
 /// True postures at a time of the run, µs, interpolated between entries: midpoint in the global frame, front axle in
-/// the rear axle's frame.
+/// the rear axle's frame. `None` outside the recorded time.
 fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Pose)> {
     let at = u32::try_from(at_us.div_euclid(1000)).ok()?;
     let (before, first) = truth.range(..=at).next_back()?;
@@ -520,7 +520,7 @@ pub(super) mod tests {
         prepare(&mut simulation);
         let goal = Posture::ORIGIN;
         for tick in 0..ticks {
-            // The boards must have received each other's messages at rest.
+            // The robot rests until the boards have received each other's messages.
             if tick == 200 {
                 let task = Task::regulate(goal);
                 simulation.command(&HostCommand::Task(task)).unwrap();

@@ -73,7 +73,7 @@ fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     files::temporary_beside(path)
 }
 
-/// Open log.
+/// Log being written to a file, served to viewers, or both.
 pub struct Sink {
     context: Arc<Context>,
     handle: Option<McapWriterHandle<LogFile>>,
@@ -136,12 +136,12 @@ impl Sink {
         Ok(sink)
     }
 
-    /// Final path of the file.
+    /// Final path of the file; `None` for a log without a file.
     pub fn path(&self) -> Option<PathBuf> {
         self.path.clone()
     }
 
-    /// Context of the channels.
+    /// Foxglove context of the log's channels.
     pub fn context(&self) -> &Arc<Context> {
         &self.context
     }
@@ -156,7 +156,7 @@ impl Sink {
         }
     }
 
-    /// Completes the log; on a write error there is no file.
+    /// Stops the server and completes the log. After a write error no file appears.
     pub fn close(&mut self) -> Result<(), OutputError> {
         if let Some(server) = self.server.take() {
             server.stop();
@@ -180,7 +180,7 @@ impl Sink {
 
 impl Drop for Sink {
     fn drop(&mut self) {
-        // An error cannot be reported here.
+        // `drop` cannot return an error.
         let _ = self.close();
     }
 }

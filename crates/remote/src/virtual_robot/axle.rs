@@ -35,7 +35,7 @@ const LED: Pin = Pin::new('C', 12);
 const LOGIC_V: f64 = 3.3;
 /// Temperature between the drivers, °C.
 const AMBIENT_C: f64 = 25.0;
-/// Two PWM periods.
+/// Two PWM periods: after that time without a pulse a motor counts as not driven.
 const PULSE_PERIODS: Time = Time::from_micros(100);
 /// Longest bounce of the contacts.
 const BOUNCE: Time = Time::from_micros(5_000);
@@ -43,16 +43,16 @@ const BOUNCE: Time = Time::from_micros(5_000);
 /// Motion of a wheel from a given time: angle (rad) and speed (rad/s), positive forward.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
-    /// Angle, rad.
+    /// Wheel's angle at the given time, rad.
     pub angle_rad: f64,
-    /// Speed, rad/s.
+    /// Wheel's speed, rad/s.
     pub speed_rad_s: f64,
 }
 
 /// Motion of an axle from a given time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
-    /// Wheels (left, right).
+    /// Motions of the wheels (left, right).
     pub wheels: [WheelMotion; 2],
     /// Motion at an inertial sensor in the middle of the axle.
     pub inertial: Motion,
@@ -69,9 +69,9 @@ pub struct AxleParts {
     pub phase: [f64; 2],
     /// Inertial sensor; `None` if not fitted.
     pub inertial: Option<InertialConfig>,
-    /// Battery voltage, V.
+    /// Voltage of the battery without load, V.
     pub battery_v: f64,
-    /// Seed of all noise.
+    /// Seed of all noise of the axle's parts.
     pub seed: u64,
 }
 
@@ -83,7 +83,8 @@ impl AxleParts {
             &scenario.world.sensors.gyro,
             &scenario.world.sensors.accelerometer,
         );
-        // The average at rest removes the bias; the later bias comes from the world's sensors.
+        // Bias at power-on, which the board removes by its average at rest. The later bias comes from the world's
+        // sensors.
         let mut random = generator(seed, 0, Stream::Other(0x202));
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
@@ -106,7 +107,7 @@ impl AxleParts {
     }
 }
 
-/// Parts around an axle board.
+/// Circuit around an axle board: drivers, motors, sensors, contacts, supplies.
 #[derive(Clone)]
 pub struct AxleBoard {
     pub(super) drivers: [Drv8874; 2],
@@ -118,21 +119,21 @@ pub struct AxleBoard {
     pub(super) thermistor: Thermistor,
     pub(super) stop: Contact,
     pub(super) button: Contact,
-    /// Serial port.
     pub(super) serial: SerialLine,
     /// Edges of the LED, which is lit from each even edge to the next.
     pub(super) led: Vec<Time>,
     /// Strap closed to ground; true once the level was passed to the chip.
     strap: (bool, bool),
-    /// Times of scheduled events at the drivers.
+    /// Times of future events at the drivers, such as the start and the end of a fault.
     driver_events: Vec<Time>,
-    /// Latest levels of the fault pins passed to the chip.
+    /// Latest levels of the drivers' fault pins that were passed to the chip.
     faults: [Drive; 2],
-    /// True until the first levels were passed to the chip.
+    /// True until the first levels of the fault pins were passed to the chip.
     fresh: bool,
 }
 
-/// Drivers with their motors, amplifiers, and resistors of the supply's divider, Ω, within their tolerances.
+/// Drivers with their motors, amplifiers, and resistors of the supply's divider (Ω), with random errors within their
+/// tolerances.
 fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
     // Standard deviations are a third of the data sheets' tolerances: relative values, except the offset in V.
     let mut random = generator(parts.seed, 0, Stream::Other(0x203));
@@ -173,7 +174,7 @@ fn part_seed(seed: u64, part: u64) -> u64 {
 }
 
 impl AxleBoard {
-    /// Parts at rest.
+    /// Circuit with its parts at rest.
     pub fn new(parts: &AxleParts) -> Self {
         let seed = |part: u64| part_seed(parts.seed, part);
         let (drivers, amplifiers, resistors) = power_parts(parts);
@@ -520,10 +521,10 @@ mod tests {
         for percent in [10, 25, 45, 50, 60, 75, 80, 90] {
             let duty = f64::from(percent) / 100.0;
             let error = sampling_error([duty, duty]);
-            // 60 mV e^(−10.9/4.8) are 31 mA.
+            // An edge shifts the output by 60 mV. After 10.9 µs, with a time constant of 4.8 µs, 6.2 mV remain: 31 mA.
             assert!(error < 0.035, "{percent} %: {error} A");
         }
-        // The worst pair of duty cycles.
+        // This pair of duty cycles has the largest error.
         let error = sampling_error([0.2, 0.72]);
         assert!(error < 0.13, "{error} A");
     }

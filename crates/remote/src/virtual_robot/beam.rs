@@ -31,23 +31,23 @@ const SCANS: f64 = core_algos::acquisition::oversampling::SCANS as f64;
 /// Time between two steps of the bridges' drift, ms.
 const DRIFT_MS: u32 = 100;
 
-/// Parts that differ from beam to beam, by bridge.
+/// Properties of one bridge that differ from beam to beam.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BridgeParts {
-    /// Relative error of the gain.
+    /// Relative error of the bridge's gain.
     pub gain_error: f64,
     /// Unbalance at the time of zeroing, strain.
     pub offset: f64,
-    /// Drift since zeroing, strain.
+    /// Drift of the bridge since zeroing, strain.
     pub drift: f64,
-    /// Zero shift per kelvin, strain.
+    /// Zero shift of the bridge per kelvin, strain.
     pub zero_per_k: f64,
     /// Deviation of the creep share from its mean.
     pub creep_error: f64,
 }
 
 impl BridgeParts {
-    /// Parts of bridge `k` of a frame, as drawn for the trial.
+    /// Properties of bridge `k` of a frame, as drawn for the trial.
     pub fn of(drawn: &Drawn, frame: FrameId, k: usize) -> Self {
         let frame = &drawn.frames[frame.index()];
         Self {
@@ -70,13 +70,12 @@ struct Drifting {
     last: f64,
 }
 
-/// Parts around the beam board.
+/// Circuit around the beam board: strain bridges, thermistor, supplies.
 #[derive(Clone)]
 pub struct BeamBoard {
     bridges: Vec<Drifting>,
     thermistor: Thermistor,
     pub(super) power: Power,
-    /// Serial port.
     pub(super) serial: SerialLine,
     /// Fraction of the excitation that reaches the strip.
     pub(super) excitation: f64,
@@ -108,7 +107,7 @@ pub fn zero(config: &BridgeConfig, parts: &BridgeParts) -> f64 {
 }
 
 impl BeamBoard {
-    /// Parts on a straight strip.
+    /// Circuit of a beam board on a straight strip.
     pub fn new(
         config: &BridgeConfig,
         parts: &[BridgeParts],

@@ -11,13 +11,13 @@ pub struct Clock {
     estimate_time: Option<Micros>,
 }
 
-/// The latest epoch.
+/// Latest epoch whose `TimeSync` was received.
 #[derive(Clone, Copy, Debug)]
 struct Epoch {
     number: u32,
     /// Start of the epoch, µs.
     began_at: Micros,
-    /// Arrival of its message, µs.
+    /// Arrival of the epoch's `TimeSync`, µs.
     received_at: Micros,
 }
 
@@ -27,7 +27,7 @@ impl Clock {
         self.estimate_time
     }
 
-    /// Common time at `at`, µs.
+    /// Common time at `at`, µs; 0 before the first epoch.
     pub fn common(&self, at: Micros) -> i64 {
         self.epoch.map_or(0, |epoch| {
             i64::from(epoch.number) * EPOCH as i64 + at as i64 - epoch.began_at as i64

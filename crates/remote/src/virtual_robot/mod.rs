@@ -55,9 +55,9 @@ use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
 
-/// Step of the plant.
+/// Time step of the plant, one tick.
 const TICK: Time = Time::from_micros(1_000);
-/// Time that the boards run independently of each other.
+/// Time for which the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
 /// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
 const BOOT_TIMEOUT: Time = Time::from_micros(5_000_000);
@@ -73,7 +73,7 @@ const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Robot of virtual boards.
+/// Robot of virtual boards in the simulated plant.
 #[derive(Clone)]
 pub struct VirtualRobot {
     topology: Topology,
@@ -83,7 +83,7 @@ pub struct VirtualRobot {
     readers: Vec<Reader>,
     observations: Vec<BoardObservations>,
     plant: Plant,
-    /// Posture of the midpoint at the start.
+    /// Posture of the midpoint at the start, (m, m, rad).
     start: [f64; 3],
     /// Angles of the motors at the latest placement on the start, rad.
     start_angles: Vec<[f64; 2]>,
@@ -92,7 +92,7 @@ pub struct VirtualRobot {
     half_thickness: f64,
     /// Strains at the gauges of each frame: true strain plus drift.
     strains: Vec<[f32; MAX_GAUGES]>,
-    /// Source of the inertial sensors' bias after the average at rest, which ends before all nodes are ready.
+    /// Source of the inertial sensors' biases once all nodes are ready; each board's average at rest ends before that.
     sensors: Box<Sensors>,
     /// True if inertial sensors are fitted.
     inertial: bool,
@@ -113,16 +113,16 @@ pub struct VirtualRobot {
     estimate_time: Option<Micros>,
     task: Task,
     frames: u64,
-    /// Time from power-on to the start of the experiment.
+    /// Time of validity of the estimates in `lead`, µs since power-on; `None` until an output is received.
     booted: Time,
     tick: u64,
     control: RunControl,
     /// Heartbeats of the nodes.
     monitor: Monitor,
-    /// Reason for the end of the run, a lost board.
+    /// Reason why the run must end, a lost or restarted board; `None` while the run may continue.
     failure: Option<String>,
     tools: Tools,
-    /// Blocked wheel: axle and side.
+    /// Blocked wheel (axle, side: 0 is left); `None` if all turn freely.
     blocked: Option<(usize, usize)>,
 }
 
@@ -160,7 +160,7 @@ fn boards(
         };
         let mut variation = options::chip(part_seed);
         if let Role::Beam(frame) = role {
-            // Nonlinearity of the world's converter.
+            // The world, not the chip's random draw, gives the nonlinearity of the beam board's converter.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
             variation.converter_seed = drawn.frames[frame.index()].converter.into();
         }
@@ -275,7 +275,7 @@ impl VirtualRobot {
         self.frames
     }
 
-    /// Reports of all boards.
+    /// Reports of all boards so far.
     pub fn reports(&mut self) -> Vec<BoardReport> {
         let mut reports = Vec::new();
         for (place, &role) in self.roles.iter().enumerate() {
@@ -318,7 +318,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Switches boards on at their power-on times.
+    /// Makes a board's log full and blocking, and stops reading it.
     fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {
@@ -367,7 +367,7 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// First node that is not ready, or `None`.
+    /// Description of the first node that is not ready; `None` if all are.
     fn waits_for(&self) -> Option<String> {
         let fitted = |node: &Node| {
             let board = node.board();
@@ -380,8 +380,8 @@ impl VirtualRobot {
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
                 }
-                // A fitted sensor is in use once its bias at rest is known; without it the robot would drive without
-                // the sensor.
+                // Until the bias at rest is known, the node does not use the inertial sensor, and the robot would drive
+                // without it.
                 Some(status)
                     if self.inertial && status.notices.contains(Condition::InertialLost) =>
                 {

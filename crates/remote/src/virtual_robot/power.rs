@@ -5,7 +5,7 @@ use virtual_board::Time;
 use virtual_board::chip::Inputs;
 use virtual_board::device::{Profile, Supply};
 
-/// Voltage of the battery, V.
+/// Open-circuit voltage of the battery, V.
 pub const BATTERY_V: f64 = 12.0;
 /// Supply of the chip, the amplifiers and the sensors, V.
 const LOGIC_V: f64 = 3.3;
@@ -20,7 +20,7 @@ pub struct Power {
     /// Battery as seen at the drivers.
     pub battery: Supply,
     rail: Profile,
-    /// Time up to which the chip has the rail's voltage.
+    /// Time up to which changes of the rail were passed to the chip.
     known: Time,
     crystal: VecDeque<(Time, bool)>,
 }
@@ -36,12 +36,12 @@ impl Power {
         }
     }
 
-    /// Voltage at the chip, V.
+    /// Voltage of the 3.3 V rail at `at`, V.
     pub fn logic_v(&self, at: Time) -> f64 {
         self.rail.at(at)
     }
 
-    /// Lowers the rail to `volts` from `from` until `to`, or until the fall is complete: 0.1 A discharge 10 µF.
+    /// Lowers the rail to `volts` from `from` until `to`, at least until the fall is complete: 0.1 A discharges 10 µF.
     pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
         let fall = |share: f64| {
             let depth = share * (LOGIC_V - volts);
@@ -58,7 +58,7 @@ impl Power {
         self.crystal.push_back((at, works));
     }
 
-    /// Time of the next change.
+    /// Time of the next change of the rail or the crystal.
     pub fn next(&self) -> Time {
         let crystal = self.crystal.front().map_or(Time::NEVER, |change| change.0);
         self.rail.next(self.known).min(crystal)

@@ -44,7 +44,7 @@ impl BoardObservations {
         self.hclk_hz = board.chip().clocks().hclk_hz;
     }
 
-    /// Core frequency when the board was ready, Hz; a board without power has none.
+    /// Core frequency when the board was ready, Hz; 0 if the board was never ready.
     pub fn hclk_hz(&self) -> u64 {
         self.hclk_hz
     }
@@ -53,39 +53,39 @@ impl BoardObservations {
 /// Finding: use of the chip by a board's program that its manual forbids or that the model does not know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardFinding {
-    /// Kind of finding.
+    /// Kind of the finding, as text.
     pub kind: &'static str,
-    /// Description.
+    /// Description of the finding.
     pub text: String,
     /// Function and line of the program.
     pub place: String,
-    /// First time, s since power on.
+    /// Time of the first occurrence, s since power-on.
     pub time_s: f64,
-    /// Number of occurrences.
+    /// Number of occurrences of the finding.
     pub count: u64,
 }
 
 /// Bus statistics of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Can {
-    /// Frames sent and acknowledged.
+    /// Number of frames sent and acknowledged.
     pub sent: u64,
-    /// Frames received.
+    /// Number of frames received.
     pub received: u64,
-    /// Received frames lost by overrun of the FIFO.
+    /// Number of received frames lost by overrun of the FIFO.
     pub overrun: u64,
-    /// Frames abandoned unsent after all boards were ready.
+    /// Number of frames abandoned unsent after all boards were ready.
     pub lost: u64,
-    /// Arbitrations lost; the frame is sent later.
+    /// Number of arbitrations lost; the frame is sent later.
     pub arbitrations_lost: u64,
-    /// Error frames.
+    /// Number of error frames.
     pub error_frames: u64,
 }
 
-/// Report of a board.
+/// Report of a virtual board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardReport {
-    /// Name.
+    /// Name of the board.
     pub name: &'static str,
     /// Resets since power on, with time (s) and cause.
     pub resets: Vec<(f64, &'static str)>,
@@ -97,21 +97,21 @@ pub struct BoardReport {
     pub tick_lateness_us: u16,
     /// Ticks missed after all boards were ready.
     pub missed_ticks: u8,
-    /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
+    /// Longest time from the converter's trigger to the new duty, µs; `None` for a board without motors.
     pub longest_current_loop_us: Option<f64>,
     /// Fraction of the time in which the core was awake.
     pub load: f64,
-    /// Largest stack use, bytes; none if the image has no symbols of the stack.
+    /// Largest stack use, bytes; `None` if the image has no symbols of the stack.
     pub stack_used: Option<u32>,
-    /// Size of the stack, bytes.
+    /// Size of the stack, bytes; `None` if the image has no symbols of the stack.
     pub stack_size: Option<u32>,
-    /// Largest stack use until the board was ready, bytes.
+    /// Largest stack use until the board was ready, bytes; `None` if the image has no symbols of the stack.
     pub boot_stack: Option<u32>,
-    /// First digits of the hash of the image's sources, as the board sends them.
+    /// First digits of the hash of the image's sources, as the board sends them; `None` before.
     pub build: Option<String>,
-    /// Instructions executed.
+    /// Number of instructions executed.
     pub instructions: u64,
-    /// Bus statistics.
+    /// Bus statistics of the board.
     pub can: Can,
 }
 
@@ -119,7 +119,8 @@ pub struct BoardReport {
 const TICK_LIMIT_US: u64 = 800;
 
 impl BoardReport {
-    /// First problem of the board, if any. A power cut (`cut`) may interrupt a frame.
+    /// First problem of the board; `None` without one. Error frames do not count after a power cut (`cut`), which may
+    /// interrupt a frame.
     pub fn problem(&self, cut: bool) -> Option<String> {
         let name = self.name;
         if let Some((time_s, cause)) = self.resets.first() {

@@ -1,4 +1,4 @@
-//! Stored parameters of a board: those of a calibrated robot, written as the board itself writes them.
+//! Stored parameters of a calibrated robot's board, in the format that the board itself writes.
 
 use super::beam::{BridgeParts, zero};
 use core_algos::acquisition::oversampling::FULL_SCALE;
@@ -55,7 +55,7 @@ fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Erro
     {
         parameter.set(&mut settings, parameter.get(&configured))?;
     }
-    // Values of one board determine others of the same board.
+    // Some values follow from others of the same board.
     let configured = configured.robot.completed();
     let mut left = settings.robot.completed();
     left.beam.calibration = configured.beam.calibration;

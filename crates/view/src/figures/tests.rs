@@ -134,7 +134,7 @@ fn empty_results_still_give_figures() {
 #[test]
 fn final_errors_are_given_in_the_caption() {
     let svg = errors("", &[column("with RPS")]).svg();
-    // e^-9.98 is below the last digit shown.
+    // At the end e^−t is below the last digit shown: the offsets 9.5 cm and 1.5 cm remain.
     assert!(svg.contains("final: 9.5 cm; estimate: 1.5 cm"));
     assert!(svg.contains("final: −5.4°; estimate: –"));
 }
@@ -191,7 +191,7 @@ fn final_postures_are_shown_in_goal_coordinates() {
     let data = PathsPanel {
         goal: Some([1.0, 1.0, std::f64::consts::FRAC_PI_2]),
         tolerance: [0.005, 0.1],
-        // One centimetre ahead of the goal, two to its right.
+        // The run ended 1 cm ahead of the goal and 2 cm to its right.
         ends: vec![(Verdict::Within, [1.02, 1.01, 1.0])],
         ..panel("", 0.0)
     };
@@ -216,7 +216,7 @@ fn measured_end_lies_where_its_polar_errors_put_it() {
     assert!((error.e_m - 0.095).abs() < 1e-12);
     assert!((error.theta_rad - theta[0]).abs() < 1e-12);
     assert!((error.alpha_rad - alpha[0]).abs() < 1e-12);
-    // Every point of the outline has one standard deviation in e or in θ, and none more.
+    // On the outline the larger of the two errors, in standard deviations, is 1.
     for [x, y] in measured.outline() {
         let error = FinalError::of([0.01 * x, 0.01 * y, 0.0], [0.0; 3]);
         let e = (error.e_m - 0.095).abs() / 0.021;

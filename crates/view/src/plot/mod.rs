@@ -50,7 +50,7 @@ struct ColorBar {
     limits: [f64; 2],
 }
 
-/// Diagram with its axes.
+/// Diagram with axes and the items drawn in it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Panel {
     title: String,
@@ -207,9 +207,9 @@ pub enum Height {
     Fixed(f64),
     /// As needed by the data of the first panel, which has equal axes, within these limits.
     Data {
-        /// Least height.
+        /// Least height, units of the SVG.
         least: f64,
-        /// Greatest height.
+        /// Greatest height, units of the SVG.
         greatest: f64,
     },
 }

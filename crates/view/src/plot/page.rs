@@ -155,7 +155,7 @@ impl<'a> Axes<'a> {
         }
     }
 
-    /// Sets the margins of the axes: left, right, top, bottom.
+    /// Sets the margins of the axes (left, right, top, bottom) and the tick steps.
     fn place(&mut self, [left, right, top, bottom]: [f64; 4]) {
         let axes = &mut self.computed;
         // The title keeps its distance from the axes.
@@ -372,7 +372,7 @@ impl Page {
                 x: axes.width - axes.margin_right + BAR[0],
                 y: axes.margin_top + (STEPS - 1 - k) as f64 * step,
                 width: BAR[1],
-                // Slightly taller than a step, so that no seam is visible.
+                // Slightly taller than a step, so that no gap is visible.
                 height: if k == 0 { step } else { step + 0.6 },
                 fill: color_scale((k as f64 + 0.5) / STEPS as f64).into(),
                 stroke: None,

@@ -1,6 +1,7 @@
 //! Thinning of lines to visible points, and cutting of lines into dashes.
 
-/// Points of a line that can be distinguished on the page.
+/// Thins a signal over time to the first, least, greatest and last point per half unit of width. Other lines are
+/// unchanged.
 pub(super) fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     straightened(&columns(points))
 }
@@ -34,7 +35,7 @@ pub(super) fn columns(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Drops points closer than 0.1 units to the line without them (Douglas and Peucker).
+/// Drops points that lie within 0.1 units of the remaining line (Douglas and Peucker).
 pub(super) fn straightened(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     const TOLERANCE: f64 = 0.1;
     if points.len() < 3 {

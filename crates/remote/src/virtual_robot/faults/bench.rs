@@ -1,4 +1,4 @@
-//! Robot with access for the acts of a fault.
+//! Robot under test, with access to its boards, sensors, motors and bus for the acts of a fault.
 
 use super::Campaign;
 use crate::board_log::BoardLog;
@@ -20,9 +20,9 @@ pub struct FaultBench {
     pub robot: VirtualRobot,
     pub random: Pcg64,
     seed: u64,
-    /// Affected board.
+    /// Board that the fault affects; `None` until an act selects a board.
     pub affected: Option<Role>,
-    /// Failure observed by an act.
+    /// Failure observed by an act; `None` without one.
     pub violation: Option<String>,
 }
 
@@ -59,12 +59,12 @@ impl FaultBench {
         Ok(bench)
     }
 
-    /// Index of the bus node that is no board.
+    /// Index of the additional bus node, which belongs to no board.
     fn extra_node(&self) -> usize {
         self.robot.roles.len()
     }
 
-    /// Present time.
+    /// Present simulated time.
     pub fn now(&self) -> Time {
         self.robot.network.now()
     }
@@ -101,7 +101,7 @@ impl FaultBench {
         role
     }
 
-    /// Acts on a board.
+    /// Performs `act` on a board, which becomes the affected board unless there is one.
     pub fn board(&mut self, role: Role, act: impl FnOnce(&mut Board)) {
         self.affected.get_or_insert(role);
         if let Some(place) = self.robot.place(role)
@@ -111,7 +111,7 @@ impl FaultBench {
         }
     }
 
-    /// Reads a register without side effects of a board's chip.
+    /// Reads a register of a board's chip. The read must have no side effects.
     pub fn register(&mut self, role: Role, address: u32) -> u32 {
         let mut value = 0;
         self.board(role, |board| {
@@ -122,7 +122,7 @@ impl FaultBench {
         value
     }
 
-    /// Acts on the parts of an axle.
+    /// Performs `act` on the circuit of an axle board.
     pub fn axle(&mut self, role: Role, act: impl FnOnce(&mut AxleBoard, Time)) {
         self.affected.get_or_insert(role);
         let now = self.now();
@@ -131,13 +131,13 @@ impl FaultBench {
         }
     }
 
-    /// Acts on the axle parts at [`Self::wheel`].
+    /// Performs `act` on the circuit and the side of [`Self::wheel`].
     pub fn at_wheel(&mut self, act: impl FnOnce(&mut AxleBoard, usize, Time)) {
         let (role, side) = self.wheel();
         self.axle(role, |axle, now| act(axle, side, now));
     }
 
-    /// Acts on the parts of the beam.
+    /// Performs `act` on the circuit of the beam board.
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
         self.affected.get_or_insert(Role::beam(0));
         let now = self.now();
@@ -152,7 +152,7 @@ impl FaultBench {
         self.robot.network.wire().inject(now, fault);
     }
 
-    /// Connects the node that is no board to the bus and acts on it.
+    /// Connects the additional node to the bus and performs `act` on it.
     pub fn intruder(&mut self, act: impl FnOnce(&mut VirtualNode, Time)) {
         let now = self.now();
         self.wire(Fault::Piece {

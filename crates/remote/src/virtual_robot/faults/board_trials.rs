@@ -23,7 +23,7 @@ use virtual_board::chip::FlashOperation;
 use virtual_board::finding::FindingKind;
 use virtual_board::wire::{Frame, Id};
 
-/// Result of a trial: the number of cases, or the failure.
+/// Outer error: the trial could not run. Inner result: number of cases, or description of the failure.
 type TrialResult = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;

@@ -39,7 +39,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         world.sensors.accelerometer.fitted,
     ) = (false, false);
     let mut bench = FaultBench::new(&campaign, Options::default(), seed)?;
-    // A chock holds the robot until its motors do: sleeping drivers would let it roll.
+    // The chocked robot creeps, so the inertial sensors could not determine their biases.
     bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();
@@ -67,7 +67,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     Ok(samples)
 }
 
-/// First violated limit.
+/// Emergency stop on the level: one case, or the first violated limit.
 fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
     let samples = speeds(campaign, seed, 0.0)?;
     let rest = samples.iter().rposition(|(speed, _)| *speed > REST_M_S);
@@ -89,7 +89,7 @@ fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>,
     })
 }
 
-/// First violated limit.
+/// Emergency stop on a slope: one case, or the first violated limit.
 fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
     let samples = speeds(campaign, seed, SLOPE_DEG)?;
     for (ms, (speed, awake)) in samples.iter().enumerate() {

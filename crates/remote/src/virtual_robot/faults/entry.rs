@@ -28,7 +28,7 @@ macro_rules! entries {
 
 pub(super) use entries;
 
-/// Action on the robot.
+/// Action of a fault on the robot.
 pub type Act = fn(&mut FaultBench);
 
 /// An act at `after_ms` after the start of the fault.
@@ -38,18 +38,19 @@ pub struct TimedAct {
     pub act: Act,
 }
 
-/// Act at `after_ms`.
+/// An act at `after_ms` after the start of the fault.
 pub const fn at(after_ms: u64, act: Act) -> TimedAct {
     TimedAct { after_ms, act }
 }
 
-/// Trial of a single board: number of cases, or description of the failure.
+/// Trial of a single board. Outer error: the trial could not run. Inner result: number of cases, or description of the
+/// failure.
 pub type BoardTrial = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>;
 
-/// Check of the robot at the end of a run; returns a description of the problem.
+/// Check of the robot at the end of a run: description of the problem; `None` without one.
 pub type Check = fn(&mut FaultBench) -> Option<String>;
 
-/// Kind of run.
+/// Kind of run, with its acts.
 #[derive(Clone, Debug)]
 pub enum RunKind {
     /// The robot drives; then these acts follow.
@@ -65,7 +66,7 @@ pub enum RunKind {
 /// A fault and its permitted outcomes.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Name in tables.
+    /// Name of the fault in tables.
     pub name: &'static str,
     /// Component or signal at which the fault occurs.
     pub seam: &'static str,
@@ -77,9 +78,9 @@ pub struct Entry {
     pub codes: Vec<Condition>,
     /// Longest time from the fault to all motors off, s.
     pub off_within_s: f64,
-    /// Longest time from the fault to the last PWM pulse of the affected axle, s.
+    /// Longest time from the fault to the last PWM pulse of the affected axle, s; `None` without a limit.
     pub own_within_s: Option<f64>,
-    /// True if the affected board must restart and report that.
+    /// True if the affected board must restart and report the restart.
     pub restarts: bool,
     /// Boards that may be reset.
     pub resets: Boards,
@@ -87,11 +88,11 @@ pub struct Entry {
     pub must_reset: bool,
     /// True if the robot may start before all nodes report ready.
     pub unready: bool,
-    /// Notice that the affected board must report.
+    /// Notice that the affected board must report; `None` if none is demanded.
     pub notice: Option<Condition>,
     /// Check at the end of the run.
     pub check: Option<Check>,
-    /// Parts of the texts of findings that the fault itself causes.
+    /// Findings that the fault itself causes, each given by a part of its text.
     pub findings: &'static [&'static str],
     /// Time without current after which a motor counts as off, ms.
     pub rest_ms: u64,
@@ -131,7 +132,7 @@ impl Entry {
         }
     }
 
-    /// Options of the boards.
+    /// Options of the boards for this entry.
     pub fn options(&self) -> Options {
         Options {
             late_ms: self.late_ms.clone(),
@@ -141,27 +142,27 @@ impl Entry {
         }
     }
 
-    /// One act while the robot drives.
+    /// Run with one act while the robot drives.
     pub fn drive(name: &'static str, seam: &'static str, act: Act) -> Self {
         Self::steps(name, seam, &[at(0, act)])
     }
 
-    /// Several acts; the first occurs while the robot drives.
+    /// Run with several acts; the first occurs while the robot drives.
     pub fn steps(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
         Self::new(name, seam, RunKind::Drive(steps.to_vec()))
     }
 
-    /// Acts from power-on.
+    /// Run from power-on with these acts.
     pub fn start(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
         Self::new(name, seam, RunKind::Start(steps.to_vec()))
     }
 
-    /// Trial of a single board.
+    /// Run that is a trial of a single board.
     pub fn board_trial(name: &'static str, seam: &'static str, trial: BoardTrial) -> Self {
         Self::new(name, seam, RunKind::BoardTrial(trial)).goes_on()
     }
 
-    /// Fault of samples, frames or plant of a robot with its boards in this process.
+    /// Run of a robot with its boards in this process and a fault of samples, frames or plant.
     pub fn model(name: &'static str, seam: &'static str, fault: Fault) -> Self {
         Self::new(name, seam, RunKind::Model(fault))
     }
@@ -195,7 +196,7 @@ impl Entry {
         self
     }
 
-    /// Demands that the affected board restarts and reports that.
+    /// Demands that the affected board restarts and reports the restart.
     pub fn restarts(mut self) -> Self {
         self.restarts = true;
         self.resets(ALL)
@@ -243,7 +244,7 @@ impl Entry {
         self
     }
 
-    /// Changes the chips.
+    /// Sets the function that changes the chips after the random draw.
     pub fn vary(mut self, vary: fn(Role, &mut ChipVariation)) -> Self {
         self.vary = vary;
         self

@@ -55,7 +55,7 @@ pub fn catalogue() -> Vec<Entry> {
     .concat()
 }
 
-/// Settings of all runs.
+/// Settings of all runs of the fault campaign.
 #[derive(Clone)]
 pub struct Campaign {
     /// Scenario of the robot.

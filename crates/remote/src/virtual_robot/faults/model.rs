@@ -134,7 +134,7 @@ pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// State of a run.
+/// Observer of a run with a fault, and its state.
 struct FaultObserver {
     goal: Posture,
     /// Time of the fault, µs.
@@ -143,14 +143,14 @@ struct FaultObserver {
     beyond: [u32; 3],
     /// Consecutive ticks at rest with motors off.
     rest: u32,
-    /// Time of the stop, µs.
+    /// Time of the stop, µs; `None` while the robot moves.
     stopped: Option<Micros>,
-    /// Failure, in words.
+    /// Description of the failure; `None` without one.
     violation: Option<String>,
 }
 
 impl FaultObserver {
-    /// Description of a bound exceeded for longer than [`MAX_BEYOND_TICKS`], if any.
+    /// Description of a bound exceeded for longer than [`MAX_BEYOND_TICKS`]; `None` if no bound was.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
         let force = simulation.plant().wrench(0).force;
         let values = [
@@ -160,7 +160,7 @@ impl FaultObserver {
         ];
         let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {
-            // NaN is beyond every bound.
+            // The comparison is false for NaN, so NaN is beyond every bound.
             let within = values[i] <= BOUNDS[i];
             *beyond = if within { 0 } else { *beyond + 1 };
             if *beyond > MAX_BEYOND_TICKS {
@@ -197,7 +197,7 @@ impl DriveTask<Simulation> for FaultObserver {
         self.rest = (self.rest + 1) * u32::from(off && speed < REST_M_S);
         let faulted = simulation.monitor().first_fault().is_some();
         match self.stopped {
-            // The frame may swing a little when the motors switch off.
+            // The frame may swing a little after the motors switch off.
             Some(_) if !off || !(speed < SWING_M_S) => {
                 self.violation = Some("drives again after its stop".to_owned());
             }
@@ -259,7 +259,8 @@ pub fn run_on(
     })
 }
 
-/// Description of a finished task's true goal error if it exceeds both [`TOLERANCE`] and the robot's 95 % error.
+/// Description of the true goal error of a finished task; `None` if position and heading error are each within the
+/// larger of [`TOLERANCE`] and the robot's 95 % error. Finishing is itself a failure if the entry does not permit it.
 fn goal_missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
     if !entry.goes_on {
         return Some("finished in spite of the fault".to_owned());

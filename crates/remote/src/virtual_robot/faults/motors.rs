@@ -19,8 +19,8 @@ const MOTOR: &[Condition] = &[
     OverCurrent,
     StopNotFollowed,
 ];
-/// A driver with a stuck transistor also reports a fault. The wheel brakes through the transistor until it is at
-/// rest, so current flows until then.
+/// Condition codes of a stuck transistor: the driver reports a fault. The wheel brakes through the transistor until it
+/// is at rest, so current flows until then.
 const NOTICED: &[Condition] = &[DriverFault];
 /// Longest time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks, and
 /// the millisecond that a driver takes to fall asleep.

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 /// One case of the campaign: a fault, its time and a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultCase<'a> {
-    /// The fault.
+    /// Fault of the case, with its permitted outcomes.
     pub entry: &'a Entry,
     /// Time of the fault after the button was pressed or the task was given, ms.
     pub after_ms: u64,
@@ -15,7 +15,7 @@ pub struct FaultCase<'a> {
     pub seed: u64,
 }
 
-/// End of a run.
+/// Kind of end of a run with a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -27,21 +27,21 @@ pub enum End {
     Wrong(String),
 }
 
-/// Outcome of a run.
+/// Outcome of a run with a fault.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Seed.
+    /// Seed of all random numbers of the run.
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,
     /// End of the run.
     pub end: End,
-    /// First reason of a stop seen on the bus.
+    /// First reason of a stop seen on the bus; `None` without a stop.
     #[serde(serialize_with = "name")]
     pub reason: Option<Condition>,
-    /// Time from the fault to all motors off, s.
+    /// Time from the fault to all motors off, s; `None` without a stop.
     pub off_s: Option<f64>,
-    /// Time from the fault to the last PWM pulse of the affected axle, s.
+    /// Time from the fault to the last PWM pulse of the affected axle, s; `None` if not observed.
     pub own_off_s: Option<f64>,
     /// Number of cases in a trial of a single board.
     pub cases: usize,
@@ -51,8 +51,8 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// Description of what is wrong with a stop for this reason after `off_s`; `own_off_s` is the time of the affected
-/// axle.
+/// Description of a stop that the entry does not permit; `None` if it permits the stop. `off_s` is the time until all
+/// motors were off, `own_off_s` until the last PWM pulse of the affected axle.
 pub(super) fn stop_violation(
     entry: &Entry,
     reason: Option<Condition>,

@@ -25,7 +25,7 @@ pub fn wheel_board(bench: &mut FaultBench) -> Role {
     bench.wheel().0
 }
 
-/// Beam board.
+/// Role of the beam board.
 pub fn beam(_: &mut FaultBench) -> Role {
     Role::beam(0)
 }

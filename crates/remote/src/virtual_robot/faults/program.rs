@@ -18,13 +18,13 @@ const HALTED: &[Condition] = &[
     TrackingLost,
     WrenchHigh,
 ];
-/// Exception of the current loop.
+/// Exception number of the current loop's handler.
 const ADC: u16 = 16 + 18;
-/// Exception of the tick.
+/// Exception number of the tick's executor.
 const TICK: u16 = 16 + 52;
 /// Start of the RAM, the unused end of the stack, which holds the code of a wild store.
 const RAM: u32 = 0x2000_0000;
-/// Address without memory.
+/// Address at which the chip has no memory.
 const UNMAPPED: u32 = 0x3000_0000;
 /// Findings of a processor fault: the fault itself, frames lost during the wait for the reset, the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
@@ -67,7 +67,7 @@ fn hold_beam(bench: &mut FaultBench, held: bool) {
     bench.board(Role::beam(0), |board| board.hold(held));
 }
 
-/// Runs a board until it is in this exception, which may be a few µs ahead of the other boards.
+/// Runs a board until it is in this exception. The board may then be a few µs ahead of the other boards.
 fn run_into(board: &mut Board, exception: u16) {
     let (core, chip) = board.parts();
     for _ in 0..1_000_000 {

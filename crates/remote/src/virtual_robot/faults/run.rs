@@ -79,7 +79,7 @@ pub fn run(
 
 #[derive(Clone, Debug)]
 struct MotorObservation {
-    /// Start of the fault.
+    /// Time of the start of the fault.
     from: Time,
     /// For each axle, last time at which one of its motors carried current.
     last: Vec<Time>,
@@ -131,8 +131,8 @@ fn run_until_clear(bench: &mut FaultBench, entry: &Entry, steps: &[TimedAct]) ->
     observed
 }
 
-/// First reason for which the lead node or an axle stopped; the beam is left out, because the robot continues without
-/// it.
+/// Runs until the effects of the fault are clear, at most until the entry's time limit. Performs the acts at their
+/// times.
 fn stopped(bench: &FaultBench) -> Option<Condition> {
     let changes = bench.robot.monitor().changes().iter();
     let mut stops = changes.filter(|status| {
@@ -145,7 +145,7 @@ fn stopped(bench: &FaultBench) -> Option<Condition> {
     stops.find_map(|status| status.reason)
 }
 
-/// The node of a board.
+/// Axle or beam node of a board.
 pub fn node(role: Role) -> Node {
     match role {
         Role::Axle(axle) => Node::Axle(axle),
@@ -153,7 +153,7 @@ pub fn node(role: Role) -> Node {
     }
 }
 
-/// True if the affected board was reset and reports *restarted*.
+/// True if the latest status of the affected board has the reason *restarted*.
 fn has_restarted(bench: &mut FaultBench) -> bool {
     let Some(role) = bench.affected else {
         return false;
@@ -162,7 +162,8 @@ fn has_restarted(bench: &mut FaultBench) -> bool {
     latest.is_some_and(|status| status.reason == Some(Condition::Restarted))
 }
 
-/// First violation in a run that is independent of its end: reset, finding, changed parameters, missing notice.
+/// First violation that does not depend on how the run ends: a wrong reset, a finding, changed parameters, a missing
+/// notice, a failed check; `None` without one.
 fn violation(bench: &mut FaultBench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     let reports = bench.robot.reports();
     for (role, report) in bench.robot.roles.iter().copied().zip(reports) {
@@ -213,13 +214,14 @@ fn violation(bench: &mut FaultBench, entry: &Entry, before: &[Vec<u8>]) -> Optio
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not reported".to_owned())
 }
 
-/// End of the last PWM pulse of the affected axle.
+/// End of the last PWM pulse of the affected axle; `None` if no axle is affected.
 fn last_pulse(bench: &mut FaultBench) -> Option<Time> {
     let axle = bench.robot.axle(bench.affected?)?;
     axle.drivers.iter().map(Drv8874::driven_until).max()
 }
 
-/// Bus errors of a board, except missing acknowledgements, which are normal while other boards start.
+/// First board with bus errors, and their number. Missing acknowledgements do not count: they are normal while other
+/// boards start.
 fn bus_errors(bench: &mut FaultBench) -> Option<String> {
     let mut boards = bench.robot.topology.boards();
     let of_board = |role| {

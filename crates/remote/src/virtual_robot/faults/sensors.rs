@@ -59,11 +59,12 @@ fn degraded(bench: &mut FaultBench) -> Option<String> {
     Some(format!("notice at the end: {worst}"))
 }
 
-/// Difference between the encoder's counter and the edges of its disc, if too large.
+/// Description of the difference between the encoder's counter and the edges of its disc; `None` if it is small enough.
 fn miscounted(bench: &mut FaultBench) -> Option<String> {
-    /// Counter and disc start within one line of each other, and the filter may hold one line back.
+    /// Largest difference, counts: counter and disc start within one encoder line (four counts), and the filter may
+    /// hold one line back.
     const APART: u16 = 8;
-    /// CNT of TIM3 and TIM4.
+    /// Addresses of the counters (CNT) of TIM3 and TIM4.
     const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];
     let (role, side) = bench.wheel();
     let counted = bench.register(role, COUNTERS[side]) as u16;
@@ -157,7 +158,8 @@ fn encoders() -> Vec<Entry> {
             let mut from = b.now();
             for _ in 0..2000 {
                 from = from + Time::from_nanos(50_000 + b.draw(400_000));
-                // A glitch on one line counts forth and back; on both lines in turn it counts four edges up.
+                // Without the filter, a glitch on one channel counts up and down again; overlapping glitches on both
+                // channels count four edges up.
                 b.at_wheel(|axle, side, _| {
                     for (line, after) in [(Line::A, 0), (Line::B, 100)] {
                         let from = from + Time::from_nanos(after);

@@ -14,7 +14,7 @@ const STORE_BYTES: usize = 3 * (16 << 10);
 /// A robot at the time of the fault, and the stores of its boards at the start.
 type Robot = (FaultBench, Vec<Vec<u8>>);
 
-/// Stores of all boards, bytes.
+/// Contents of the stores of all boards.
 pub fn stores(bench: &mut FaultBench) -> Vec<Vec<u8>> {
     let boards = bench.robot.network.boards();
     boards
@@ -27,7 +27,8 @@ struct Group {
     options: Options,
     seed: u64,
     after_ms: u64,
-    /// Number of cases still to come, and the robot once it has been driven.
+    /// Number of cases that still need the robot, and the robot. The robot is `None` before the first drive and after
+    /// the last case.
     state: Mutex<(usize, Option<Robot>)>,
 }
 

@@ -10,7 +10,7 @@ pub(super) struct Cuts {
     pub topology: Topology,
     failures: Vec<Failure>,
     restart_after: Option<u32>,
-    /// Time at which each board's power returns, ms.
+    /// Time at which each board's power returns, ms; `None` while no return is planned.
     restart_at: Vec<Option<u32>>,
     off: Vec<bool>,
     pub losses: Losses,
@@ -80,7 +80,7 @@ impl VirtualRobot {
                 }
             }
         }
-        // A restarted board has lost its link to the host.
+        // A restart closes the board's link to the host.
         for role in restarted {
             self.open_link(role);
         }
@@ -91,7 +91,7 @@ impl VirtualRobot {
         self.tools.recovery.is_pending() || self.tools.cuts.restart_at.iter().any(Option::is_some)
     }
 
-    /// Checks whether the motors are off, and whether the run must end.
+    /// Records whether the motors are off after a power cut. Ends the run if a lost board demands it.
     pub(super) fn check_motors_off(&mut self) {
         if self.tools.cuts.losses.events().is_empty() {
             return;

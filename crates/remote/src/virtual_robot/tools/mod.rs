@@ -21,7 +21,7 @@ use host_sim::run::robot::Robot;
 use host_sim::targets::{BoardTraffic, Event, Traffic};
 use virtual_board::wire::Record as Sending;
 
-/// Instruments of a run.
+/// Instruments of a run: power cuts, recovery, bus traffic.
 #[derive(Clone)]
 pub(super) struct Tools {
     cuts: Cuts,
@@ -61,7 +61,7 @@ impl Tools {
 }
 
 impl VirtualRobot {
-    /// Power events of the boards.
+    /// Power cuts and restarts of the boards, times at which all motors were off, and actions of the host.
     pub fn events(&self) -> &[Event] {
         self.tools.cuts.events()
     }

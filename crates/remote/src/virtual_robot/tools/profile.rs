@@ -16,13 +16,13 @@ pub struct Function {
 /// Execution times of an interrupt or another exception.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Interrupt {
-    /// Name of its handler.
+    /// Name of the interrupt's handler.
     pub name: String,
-    /// Number of calls.
+    /// Number of calls of the handler.
     pub count: u64,
-    /// Total time without preemption by others, µs.
+    /// Total execution time without the time of preemption, µs.
     pub us: f64,
-    /// Longest execution without preemption, µs.
+    /// Longest execution without the time of preemption, µs.
     pub longest_us: f64,
     /// Longest time from entry to return, with preemption, µs.
     pub longest_with_preemption_us: f64,
@@ -39,11 +39,11 @@ pub struct Profile {
     pub functions: Vec<Function>,
     /// Interrupts, longest total time first.
     pub interrupts: Vec<Interrupt>,
-    /// Largest stack use, bytes.
+    /// Largest stack use, bytes; `None` if the image has no symbols of the stack.
     pub stack_used: Option<u32>,
-    /// Size of the stack, bytes.
+    /// Size of the stack, bytes; `None` if the image has no symbols of the stack.
     pub stack_size: Option<u32>,
-    /// Folded stacks for flame graphs.
+    /// Call stacks with their times in the folded format of flame graph tools.
     #[serde(skip)]
     pub folded: String,
     /// Functions and interrupts as text tables.

@@ -1,5 +1,5 @@
-//! Actions of the host and the user at the robot. A restarted front board has lost the robot's place: the robot is
-//! put back on its start, and a path is lost.
+//! Actions of the host and the user at the robot. A restarted front board has lost the robot's posture: the robot is
+//! put back on its start. On a path, the path is lost too, and the run ends.
 
 use crate::virtual_robot::{PRESS_DURATION, VirtualRobot};
 use core_algos::node::lead::Task;
@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 use host_sim::targets::{EventKind, HostCommand};
 
 impl VirtualRobot {
-    /// Performs the host's action of this tick after a restart.
+    /// Sends the host's commands that are due in this tick after a restart of a board.
     pub(in crate::virtual_robot) fn recover(&mut self) {
         let tools = &mut self.tools;
         let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
