@@ -100,7 +100,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
             plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
-        // Four wheels at no-load speed and both axles at the corresponding speed: 13 J.
+        // Four wheels at no-load speed and both axles at the corresponding speed have 13 J.
         assert!(energy < 60.0, "drive {n}: {energy} J");
         let health = plant.health();
         assert_eq!(health.failures, 0, "drive {n}: {health:?}");
@@ -174,7 +174,7 @@ fn top_speed_lies_on_the_speed_torque_line() {
     }
     let mass = 2.0 * 4.76 + 0.6;
     let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
-    // The frame couples the axles, so the wheels differ slightly, but not their mean.
+    // The frame couples the axles, so the wheel speeds differ slightly; their mean is unchanged.
     let axles = plant.axles().iter();
     let mean = axles.flat_map(|a| a.wheel_speed).sum::<f64>() / 4.0;
     let expected = 20.0 * (1.0 - resisting / 2.5);

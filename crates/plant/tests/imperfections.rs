@@ -485,7 +485,7 @@ fn mean_of_the_cogging_is_zero() {
     assert!((axle.torque[0] - 0.1).abs() < 0.005);
 }
 
-/// Also during snap-through and stick-slip.
+/// Compares both codes also during snap-through and stick-slip.
 #[test]
 fn vector_and_portable_code_agree_to_the_bit() {
     let soft = PlantConfig {

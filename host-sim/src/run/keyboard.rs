@@ -44,9 +44,9 @@ pub enum Key {
 /// Command of a drive by hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hand {
-    /// Speed, m/s.
+    /// Commanded speed, m/s.
     pub speed_m_s: f64,
-    /// Curvature, 1/m.
+    /// Commanded curvature, 1/m.
     pub curvature: f64,
     /// Task to send before the speed: stop, or clear the faults.
     pub task: Option<Task>,
@@ -159,7 +159,7 @@ impl Keyboard {
         self.keys().limits.is_some()
     }
 
-    /// Pause and speed of the simulation.
+    /// True if the simulation is paused, and its speed in multiples of real time.
     pub fn pace(&self) -> (bool, f64) {
         let keys = self.keys();
         (keys.paused, keys.rate)

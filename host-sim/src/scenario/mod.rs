@@ -121,7 +121,7 @@ struct Layout {
     bus: BusConfig,
 }
 
-/// Keys of a scenario file, with those of the world's tables. A table of `boards` has the keys of `robot`.
+/// Keys of a scenario file, including the tables of the world. A table of `boards` has the keys of `robot`.
 pub const FIELDS: &[Field] = &[
     table("mission", "The task.", Mission::KIND),
     table("robot", "Configuration of the boards.", RobotConfig::KIND),

@@ -99,7 +99,7 @@ pub const FIELDS: &[Field] = &[
     ),
 ];
 
-/// The key of a table.
+/// Entry of [`FIELDS`] for a table.
 pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> Field {
     Field { name, doc, kind }
 }
