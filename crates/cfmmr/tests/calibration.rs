@@ -139,7 +139,7 @@ fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
         .spawn()
         .unwrap();
     let mut outer = File::from(master);
-    // Typed before the program asks.
+    // The answer is typed before the program asks.
     outer.write_all(typed.as_bytes()).unwrap();
     let (mut shown, mut room) = (Vec::new(), [0; 4096]);
     // Reading fails when the program has closed the terminal.

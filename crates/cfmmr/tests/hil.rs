@@ -375,7 +375,7 @@ fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
         ("front board lost", Some((Role::LEAD, hang))),
     ] {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
-        // Within an epoch, not at its beginning.
+        // The fault begins within an epoch, not at its beginning.
         let (after_ms, seed) = (2_003, 3);
         let case = FaultCase {
             entry,

@@ -358,7 +358,7 @@ fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    // Dead reckoning over 3 m.
+    // Dead reckoning has drifted over 3 m.
     assert!((x - 2.9).hypot(y) < 0.1, "{x} {y}");
 }
 

@@ -129,8 +129,9 @@ fn robot_without_beam_stops_at_the_degraded_limits() {
     }
 }
 
-/// One fault each, beyond ten of the configured standard deviations. Half the error of one wheel enters the mean of its
-/// axle. A gyro replaces the track and detects skewed axles, so those faults run without a gyro.
+/// One fault each, larger than ten of the configured standard deviations. The error of one wheel enters the mean of its
+/// axle by half. With a gyro the robot does not use the track and detects skewed axles, so the faults of track and side
+/// slip run without inertial sensors.
 #[test]
 fn fault_beyond_ten_standard_deviations_is_named() {
     use Condition::{GaugesInconsistent, GyrosInconsistent, WheelsInconsistent};

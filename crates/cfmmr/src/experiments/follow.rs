@@ -54,7 +54,7 @@ pub struct FollowReport {
     pub rps: bool,
     /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Fusion.
+    /// Name of the fusion.
     pub fusion: &'static str,
     /// Errors of the true midpoint.
     #[serde(flatten)]

@@ -23,7 +23,7 @@ pub struct Lap {
     steps: Vec<OdometryStep>,
 }
 
-/// Odometric motion ahead and aside, m, and turn, rad; additional turn per unit of each error, rad.
+/// Step of the odometry: motion ahead and aside, m, turn, rad, and change of the turn for a unit of each error, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OdometryStep {
     displacement: [f64; 2],
@@ -89,7 +89,7 @@ impl Lap {
 /// Odometry and true end of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Return {
-    /// Odometry.
+    /// Odometry of the run.
     pub lap: Lap,
     /// True end in the frame of the start: m, m, rad.
     pub end: [f64; 3],

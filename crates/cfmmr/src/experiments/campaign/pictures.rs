@@ -324,7 +324,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     ([low - room, high + room], false)
 }
 
-/// Position error over one quantity; `all`: values of the quantity in all runs.
+/// Position error over one quantity; `all` holds the values of the quantity in all runs.
 fn influence(vary: &Vary, index: usize, all: &[f64], groups: &[Group]) -> Panel {
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let (limits, logarithmic) = axis(all, even);

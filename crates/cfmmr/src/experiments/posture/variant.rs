@@ -11,7 +11,7 @@ pub struct Variant {
     pub rps: bool,
     /// True if the axles carry gyroscopes and accelerometers.
     pub imu: bool,
-    /// Fusion.
+    /// Fusion of the lead node.
     pub mode: Mode,
 }
 

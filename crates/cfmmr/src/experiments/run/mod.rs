@@ -142,7 +142,7 @@ struct Boards {
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {
-    /// None: the boards run in this program.
+    /// No values: the boards run in this program.
     #[default]
     None,
     /// Values of boards in the loop.
