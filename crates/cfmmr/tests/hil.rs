@@ -417,7 +417,7 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     (path, board)
 }
 
-/// Front and rear boards are virtual, with their own image, and reset into the session.
+/// Front and rear boards are virtual, run their own image, and restart when the session begins.
 #[test]
 fn boards_on_serial_ports_are_bit_identical() {
     let mut scenario = short();

@@ -74,7 +74,7 @@ fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
     }
 }
 
-/// An accelerometer reads the acceleration minus gravity along the floor.
+/// Rolls down a slope with the motors off. An accelerometer reads the acceleration minus gravity along the floor.
 #[test]
 fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     let config = PlantConfig {

@@ -463,7 +463,8 @@ mod tests {
         }
     }
 
-    /// Over the same tyre law, omitted keys keep their values.
+    /// A given tyre law replaces another law, and over the same law omitted keys keep their values. Changes with two
+    /// laws are refused.
     #[test]
     fn given_tyre_law_replaces_another_law() {
         let tyre = |changes: &[&str]| {
