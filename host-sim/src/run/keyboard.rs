@@ -165,7 +165,8 @@ impl Keyboard {
         (keys.paused, keys.rate)
     }
 
-    /// True if the simulation must wait, because it is paused and no ticks are left. Otherwise uses up one tick.
+    /// True if the simulation must wait: it is paused and no ticks are left. If ticks are left, a paused simulation
+    /// uses up one tick. False after the end of the run.
     pub fn holds(&self) -> bool {
         let mut keys = self.keys();
         if !keys.paused || keys.ended {

@@ -137,7 +137,8 @@ impl Boards {
         self.restart_after = restart_after;
     }
 
-    /// Stops a board with its outputs held, or sets the lag of its clock to `clock_lag` ticks.
+    /// Stops a board with its outputs held if `held` is true, else lets the board run. Sets the lag of its clock to
+    /// `clock_lag` ticks.
     pub fn hold(&mut self, role: Role, held: bool, clock_lag: u32) -> Result<(), Error> {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.held != held && slot.on {
@@ -288,8 +289,8 @@ impl Boards {
         Ok(())
     }
 
-    /// Value of a board's answer; `None` if the board gave no answer and counts as lost. An error if the run cannot
-    /// continue.
+    /// Value of a board's answer; `None` if the board was lost, without an answer or by a restart. An error if the run
+    /// cannot continue.
     fn value_or_loss<T>(
         &mut self,
         i: usize,

@@ -173,7 +173,7 @@ fn table(checks: &[Check]) -> String {
     format!("{table}{remedies}\n")
 }
 
-/// Folder of the workspace, whose files select the toolchain; `None` if it has moved since the build.
+/// Folder of the workspace, whose files select the toolchain; `None` if the folder has moved since the build.
 fn workspace() -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     workspace.is_dir().then_some(workspace)

@@ -394,7 +394,7 @@ fn csv(report: &ConsistencyReport) -> Csv {
 /// Fusions of the picture, in the order of their colours.
 const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
-/// NEES over time: one row of panels per body, left without and right with inertial sensors.
+/// NEES over time: a row of panels for each body, the left panel without and the right panel with inertial sensors.
 fn figure(report: &ConsistencyReport) -> Figure {
     let last = report.rows.iter().filter_map(|row| row.path.last());
     let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));

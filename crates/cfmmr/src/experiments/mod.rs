@@ -225,8 +225,8 @@ impl Context {
         OutputDir::create(&self.out).map_err(|error| Error::input(format!("--out: {error}")))
     }
 
-    /// Writes the JSON result and all files, then prints the table and the names of the files. `failed`: reason if the
-    /// command fails although it has results.
+    /// Writes the JSON result and all files, then prints the table and the names of the files. `failed` holds the
+    /// reason if the command fails although it has results.
     pub fn finish(
         &self,
         table: &str,

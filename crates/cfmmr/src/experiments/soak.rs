@@ -129,8 +129,8 @@ impl Drift {
         Some(Self { mean, gain, error })
     }
 
-    /// True if the rise exceeds three standard errors and [`DRIFT_SHARE`] of the mean. A fall is allowed: innovations
-    /// fall while the filter learns constants of the robot.
+    /// True if the rise exceeds three standard errors and [`DRIFT_SHARE`] of the mean, or if the trend is not finite. A
+    /// fall is allowed: innovations fall while the filter learns constants of the robot.
     pub fn is_significant(&self) -> bool {
         let rises = self.gain > 3.0 * self.error && self.gain > DRIFT_SHARE * self.mean.abs();
         rises || !(self.gain.is_finite() && self.error.is_finite())
