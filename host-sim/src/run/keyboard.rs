@@ -177,7 +177,7 @@ impl Keyboard {
         holds
     }
 
-    /// Command of the drive by hand. Its speed becomes 0 after five seconds without a key.
+    /// Command of the drive by hand. The commanded speed becomes 0 after five seconds without a key.
     pub fn hand(&self) -> Hand {
         let mut keys = self.keys();
         if keys.pressed.elapsed() > IDLE_TIMEOUT && keys.hand.speed_m_s != 0.0 {

@@ -171,8 +171,8 @@ pub fn parse_words(words: &[String], number: usize, scenario: &Scenario) -> Resu
     Ok(Line { number, text, step })
 }
 
-/// Refuses a path beyond the limits of the frame, and a path that begins too far from the final posture of the previous
-/// steps, if that posture is known. `at` is the posture at the start; `None` if unknown.
+/// Checks each path for which the final posture of the previous steps is known: refuses a path beyond the limits of the
+/// frame, and a path that begins too far from that posture. `at` is the posture at the start; `None` if unknown.
 pub fn check_starts(
     lines: &[Line],
     mut at: Option<[f64; 3]>,

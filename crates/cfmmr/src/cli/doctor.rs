@@ -66,7 +66,7 @@ pub struct Check {
     pub name: &'static str,
     /// True if simulation or hardware in the loop need the tool or device.
     pub needed: bool,
-    /// Result.
+    /// Result of the check.
     pub finding: Finding,
     /// Version, name or path; the error if there is none.
     pub found: String,

@@ -145,7 +145,7 @@ pub struct Context {
     pub seed: u64,
     /// Name of the command.
     pub name: String,
-    /// Threads.
+    /// Threads of the command.
     pub workers: Workers,
     given: GivenKeys,
     out: PathBuf,

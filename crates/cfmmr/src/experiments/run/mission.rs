@@ -21,7 +21,7 @@ use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
 
-/// Mission.
+/// Mission of a robot: what a run drives.
 pub enum Mission {
     /// Regulation to the goal of the scenario.
     Posture(Variant),

@@ -44,7 +44,7 @@ use stage::{Driven, Outputs, Stage};
 pub struct Run<'a> {
     /// Scenario, command and output folder.
     pub context: &'a Context,
-    /// Mission.
+    /// Mission that the robot drives.
     pub mission: &'a Mission,
     /// Time limits, and failures of boards during the run.
     pub plan: Plan,

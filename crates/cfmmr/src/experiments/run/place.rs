@@ -72,7 +72,7 @@ pub fn board_named(name: &str) -> Option<Role> {
 /// Place and settings of the boards.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// Place.
+    /// Place of the boards.
     pub place: BoardPlace,
     /// Baud rate of the serial ports.
     pub baud: u32,
