@@ -394,7 +394,7 @@ fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
     }
 }
 
-/// Pseudo-terminal with a board behind it, until its other end is closed.
+/// Path of a pseudo-terminal, and the thread of the board behind it; the thread ends when the host closes the terminal.
 fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     let (master, path) = pseudo_terminal();
     let path = PathBuf::from(path);

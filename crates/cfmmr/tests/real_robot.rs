@@ -155,7 +155,7 @@ impl RobotBench {
         program::command(folder, &format!("{arguments} --on serial:{front}"))
     }
 
-    /// Port of a board, as `--on serial:` takes it.
+    /// Port of a board, in the form for `--on serial:`.
     fn port(&self, role: Role) -> String {
         let port = self.folder.path().join(Topology::PAIR.name(role));
         format!("{}={}", Topology::PAIR.name(role), port.display())

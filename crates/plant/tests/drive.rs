@@ -234,7 +234,7 @@ fn gauges_root_moment_and_shape_agree() {
         .map(|k| plant.curvature(0, (k as f64 + 0.5) * 0.37 / n as f64) * 0.37 / n as f64)
         .sum();
     assert!((sum - turn).abs() < 1e-4, "{sum} {turn}");
-    // The curve runs from axle to axle, and its length is that of the frame.
+    // The curve runs from axle to axle and is as long as the frame.
     let mut curve = [[0.0; 2]; 400];
     plant.draw(&plant.outline(0, 400), &mut curve);
     let [front, rear] = [0, 1].map(|i| plant.axles()[i].posture);

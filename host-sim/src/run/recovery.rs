@@ -97,7 +97,7 @@ pub struct Monitor {
     /// True for nodes whose next heartbeat still holds notices from before the task.
     stale: Vec<bool>,
     noticed: Vec<Conditions>,
-    /// Latest result of a calibration, and the gauge that caused it.
+    /// Latest result of a calibration, and the gauge that caused the result.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
 

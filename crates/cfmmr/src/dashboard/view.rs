@@ -77,7 +77,7 @@ impl View {
         }
     }
 
-    /// View before the first epoch: the nodes as the monitor has received them.
+    /// View before the first epoch, with the heartbeats that the monitor has received.
     pub fn before(monitor: &Monitor) -> Self {
         let topology = monitor.topology;
         let axle = |axle| topology.name(Role::Axle(axle));

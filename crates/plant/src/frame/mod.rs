@@ -224,8 +224,8 @@ impl Strip {
         }
     }
 
-    /// The incremental equilibrium at the end already in `e`, held back by internal viscosity.
-    /// `None`, with only the linearisation of `e` changed, if this does not converge either.
+    /// The incremental equilibrium at the end already in `e`, held back by internal viscosity. `None`, with only the
+    /// linearisation of `e` changed, if the solution does not converge or is not stable.
     #[cold]
     #[inline(never)]
     pub fn creep(&self, e: &mut Equilibrium, ratio: f64) -> Option<Solved> {
@@ -293,7 +293,7 @@ impl Strip {
         ]
     }
 
-    /// Wrench (N, N, N m) at an `end` close to that of `e`, to first order.
+    /// Wrench (N, N, N m) at an `end` close to the end of `e`, to first order.
     pub fn linear_wrench(&self, e: &Equilibrium, end: [f64; 3]) -> [f64; 3] {
         let end = self.scaled(end);
         let mut wrench = [e.unknowns[MODES], e.unknowns[MODES + 1], e.moment];

@@ -173,7 +173,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
 pub struct AxleConstants {
     /// Mean radius, m.
     pub radius_m: f64,
-    /// Radius of the right wheel over that of the left.
+    /// Radius of the right wheel over radius of the left wheel.
     pub ratio: f64,
     /// Half the track, m.
     pub half_track_m: f64,

@@ -89,7 +89,8 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     })
 }
 
-/// Lists that are not numbers; without any, the first list if it has at most four values.
+/// Lists whose values are not numbers. If all lists hold numbers: the first list, provided that it has at most four
+/// values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     let words = lists.iter().filter(|list| !list.vary.is_numeric());
     let words: Vec<&Listed> = words.collect();
