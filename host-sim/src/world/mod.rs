@@ -4,8 +4,9 @@
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). World and boards are connected by the draw, the sensors and
 //! the motors only.
 //!
-//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told`. An omitted key has its base
-//! value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in ([`NAMES`]).
+//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told` ([`PlacementAccuracy`]). An
+//! omitted key has its base value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in
+//! ([`NAMES`]).
 
 pub mod body;
 pub mod drawn;
