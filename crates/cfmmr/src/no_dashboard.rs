@@ -8,7 +8,7 @@ use output::terminal::left_out;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Dashboard of a build without one: has no values.
+/// Dashboard of a build without the feature `full`: a type without values.
 pub enum Dashboard {}
 
 impl Dashboard {

@@ -63,24 +63,24 @@ fn assert_found(what: &str, bounds: &[(&str, f64)], more: &str) {
     }
 }
 
-/// Formers have an error of 0.1 %: four formers of ±1 and ±2 per metre leave 0.07 % common to all gains. In the zeros,
-/// 1 µε is from the edge and 0.4 µε from the formers, two counts per µε.
+/// Formers have an error of 0.1 %: four formers of ±1 and ±2 per metre leave 0.07 % common to all gains. The zeros have
+/// errors of 1 µε from the edge and 0.4 µε from the formers; 1 µε is two counts.
 #[test]
 fn gauge_calibration_is_limited_by_edge_and_formers() {
     let bounds = [("zero_counts", 2.2), ("gain", 7e-4)];
     assert_found("gauges", &bounds, "");
 }
 
-/// Two turns of 18.85 rad with 2 mrad at the marks: 0.75e-4. The bias walks by 0.5e-4 rad/s/√s in the
-/// 18 s of a turn: 3.8e-3 rad, less the part that the rests measure.
+/// Two turns of 18.85 rad, each stopped at a mark with 2 mrad, leave a gain error of 0.75e-4. The bias walks by 0.5e-4
+/// rad/s/√s, in the 18 s of a turn by an integrated angle of 3.8e-3 rad, less the part that the rests measure.
 #[test]
 fn gyro_calibration_is_limited_by_marks_and_bias_walk() {
     assert_found("imu", &[("gyro_gain", 1.5e-4)], "");
 }
 
-/// Two straight lines of 4 m, ends measured to 1 mm: 1.8e-4 of the radius. The remaining error of the ratio is mostly
-/// creep that differs between squares. With one square per direction, the track is uncertain by several thousandths,
-/// so it has no bound here.
+/// Two straight lines of 4 m with ends measured to 1 mm determine the radius to 1.8e-4. The remaining error of the
+/// ratio is mostly creep that differs between squares. With one square per direction, the track is uncertain by several
+/// thousandths, so it has no bound here.
 #[test]
 fn wheel_calibration_finds_radius_and_ratio() {
     let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
@@ -139,7 +139,7 @@ fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
         .spawn()
         .unwrap();
     let mut outer = File::from(master);
-    // Typed before the program asks.
+    // The answer is typed before the program asks.
     outer.write_all(typed.as_bytes()).unwrap();
     let (mut shown, mut room) = (Vec::new(), [0; 4096]);
     // Reading fails when the program has closed the terminal.

@@ -389,7 +389,7 @@ fn virtual_boards_are_shown_with_their_heartbeats() {
     assert!(session.is_in_line_mode());
 }
 
-/// Started by the test below on its own terminal.
+/// `a_panic_leaves_the_terminal_as_it_was` starts this test on a terminal of its own.
 #[test]
 #[ignore = "a part of a_panic_leaves_the_terminal_as_it_was, which runs it on a terminal"]
 fn panics_with_the_dashboard_open() {

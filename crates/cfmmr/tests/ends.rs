@@ -83,7 +83,8 @@ fn uncertain_end_of_a_path_is_in_table_json_csv_log_and_page() {
     }
 }
 
-/// A heading standard deviation of 0.9 rad is beyond the linear range of the filter, whatever the tolerance.
+/// A heading standard deviation of 0.9 rad is beyond the linear range of the filter, whatever the tolerance; 0.4 rad is
+/// not.
 #[test]
 fn estimate_beyond_the_linear_range_is_uncertain_at_any_tolerance() {
     let folder = tempfile::tempdir().unwrap();
@@ -386,7 +387,7 @@ fn fusion_has_the_name_that_the_scenario_gives_it() {
     }
 }
 
-/// Only `run/end.rs` contains the names of ends.
+/// No source file of `cfmmr` contains the names of ends: they are in `run/end.rs` of `host-sim`.
 #[test]
 fn kinds_of_ends_are_named_in_one_source_file() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");

@@ -35,7 +35,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
     );
 }
 
-/// Runs with entries that do not allow the actual outcome, or whose bounds are exceeded.
+/// A run is wrong if its entry does not allow the actual end, code or time.
 #[test]
 fn outcomes_beyond_an_entry_are_wrong() {
     let all = catalogue();

@@ -85,7 +85,7 @@ fn robot_tracks_every_trajectory() {
         );
         assert!(estimate.final_m < 3e-3, "{name}: {estimate:?}");
         assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
-        // On the figure eight: 18 mm rms over seeds, 47 mm at most in 200 seeds.
+        // Final error on the figure eight: 18 mm rms over seeds, at most 47 mm in 200 seeds.
         assert!(truth.final_m < 0.04, "{name}: {truth:?}");
         // The target leads by the trailing distance, so the mean along-track error of O is small.
         let fast: Vec<f64> = moments

@@ -375,7 +375,7 @@ fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
         ("front board lost", Some((Role::LEAD, hang))),
     ] {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
-        // Within an epoch, not at its beginning.
+        // The fault begins within an epoch, not at its beginning.
         let (after_ms, seed) = (2_003, 3);
         let case = FaultCase {
             entry,
@@ -394,7 +394,7 @@ fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
     }
 }
 
-/// Pseudo-terminal with a board behind it, until its other end is closed.
+/// Path of a pseudo-terminal, and the thread of the board behind it; the thread ends when the host closes the terminal.
 fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     let (master, path) = pseudo_terminal();
     let path = PathBuf::from(path);
@@ -417,7 +417,7 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     (path, board)
 }
 
-/// Front and rear boards are virtual, with their own image, and reset into the session.
+/// Front and rear boards are virtual, run their own image, and restart when the session begins.
 #[test]
 fn boards_on_serial_ports_are_bit_identical() {
     let mut scenario = short();

@@ -439,8 +439,8 @@ fn search_effect(key: &str, made: &[Baseline], change: &Change) -> Result<KeyEff
     })
 }
 
-/// Refused keys that change the run of a situation. All are changed together first, and one by one only if that run
-/// differs.
+/// Refused keys that change the run of a situation. All keys are changed together first, and one by one only if the
+/// changed run differs.
 fn wrongly_refused(
     (situation, scenario, before): &Baseline,
     keys: &[(String, Change)],

@@ -41,7 +41,7 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
     board.set_parameter(find(GAIN).unwrap(), 1.25).unwrap();
     assert!(!kept(&mut board, RADIUS).saved);
     assert_eq!(board.save_parameters().unwrap(), 2);
-    // Set and not saved.
+    // The new value is set, but not saved.
     board.set_parameter(radius, 0.08).unwrap();
     assert_eq!(kept(&mut board, RADIUS).value, 0.08);
     for value in [0.6, f32::NAN] {

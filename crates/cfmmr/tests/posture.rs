@@ -80,8 +80,8 @@ fn every_variant_ends_at_its_goal() {
     }
 }
 
-/// Table 1 of the paper, assuming six runs: signs of the means, means within three standard errors, standard deviations
-/// within a factor of 2.5.
+/// Compares with Table 1 of the paper, assuming that the table is from six runs: means of equal sign and within three
+/// standard errors, standard deviations within a factor of 2.5.
 #[test]
 fn paper_robot_has_the_figures_of_table_1() {
     let scenarios = paper::scenarios().unwrap();

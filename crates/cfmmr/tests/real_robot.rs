@@ -155,7 +155,7 @@ impl RobotBench {
         program::command(folder, &format!("{arguments} --on serial:{front}"))
     }
 
-    /// Port of a board, as `--on serial:` takes it.
+    /// Port of a board, in the form for `--on serial:`.
     fn port(&self, role: Role) -> String {
         let port = self.folder.path().join(Topology::PAIR.name(role));
         format!("{}={}", Topology::PAIR.name(role), port.display())
@@ -196,7 +196,8 @@ fn result(folder: &Path, command: &str) -> Value {
     json_file(folder, &format!("out/{command}/result.json"))
 }
 
-/// The command drives the robot to its goal and stops it. Unknown values are missing, not zero.
+/// Options without effect on a real robot are refused. The command drives the robot to its goal and switches its motors
+/// off. Unknown values are missing from the log, not zero.
 #[test]
 fn robot_at_a_serial_port_drives_to_its_goal() {
     let folder = tempfile::tempdir().unwrap();
@@ -358,7 +359,7 @@ fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    // Dead reckoning over 3 m.
+    // Dead reckoning has drifted over 3 m.
     assert!((x - 2.9).hypot(y) < 0.1, "{x} {y}");
 }
 
@@ -503,7 +504,8 @@ fn power_cycle_of_the_robot_ends_the_run() {
     assert_motors_off(&robot);
 }
 
-/// A path is sent in parts while the robot drives. After a run ends early, the robot is at rest with its motors off.
+/// A path is sent in parts while the robot drives. After `--stop-after` ends the run, the robot is at rest with its
+/// motors off.
 #[test]
 fn robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
@@ -574,7 +576,8 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     assert_eq!(parameters(&new), kept);
 }
 
-/// Zeroing of the gauges through the front board and the bus; wrong calibrations are refused.
+/// `doctor` reports all three boards. Wrong calibrations are refused, and the gauges are zeroed through the front board
+/// and the bus.
 #[test]
 fn gauges_are_zeroed_through_the_serial_port() {
     let folder = tempfile::tempdir().unwrap();

@@ -129,8 +129,9 @@ fn robot_without_beam_stops_at_the_degraded_limits() {
     }
 }
 
-/// One fault each, beyond ten of the configured standard deviations. Half the error of one wheel enters the mean of its
-/// axle. A gyro replaces the track and detects skewed axles, so those faults run without a gyro.
+/// One fault each, larger than ten of the configured standard deviations. The error of one wheel enters the mean of its
+/// axle by half. With a gyro the robot does not use the track and detects skewed axles, so the faults of track and side
+/// slip run without inertial sensors.
 #[test]
 fn fault_beyond_ten_standard_deviations_is_named() {
     use Condition::{GaugesInconsistent, GyrosInconsistent, WheelsInconsistent};
@@ -175,8 +176,9 @@ fn fault_beyond_ten_standard_deviations_is_named() {
     }
 }
 
-/// Noise of each sensor at 3 and at 10 times the world's value; encoders have no noise. The robot measures the noise of
-/// its bridges; the axle filter allows for the noise of its inertial sensors.
+/// Each sensor in turn has 3 and 10 times the noise of the world; encoders have no noise. Only bridges with 10 times
+/// their noise are named. The robot measures the noise of its bridges; the axle filter allows for the noise of its
+/// inertial sensors.
 #[test]
 fn noise_of_a_sensor_blames_no_sound_sensor() {
     let sensors = &Scenario::default().world.sensors;
@@ -216,7 +218,7 @@ fn noise_of_a_sensor_blames_no_sound_sensor() {
     }
 }
 
-/// Wrong zeros of one gauge, and of all gauges.
+/// A wrong zero of one gauge stops the robot; equal wrong zeros of all gauges do not.
 #[test]
 fn gauges_with_wrong_zeros_are_named() {
     let per_count = Scenario::default().world.sensors.bridge.strain_per_count();

@@ -21,7 +21,7 @@ fn log_of_version_0_1_is_read() {
     }
 }
 
-/// Runs the replay command, whose scenario in the log has keys of version 0.1.
+/// Replays a log whose scenario has keys of version 0.1.
 #[test]
 fn log_of_version_0_1_is_replayed() {
     let folder = tempfile::tempdir().unwrap();

@@ -193,7 +193,8 @@ fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> Str
     replies.next().unwrap()
 }
 
-/// A host at the front board's serial port drives the robot to a goal.
+/// The rear board refuses an order, and the robot refuses a path that is too tight. An order at the front board's port
+/// drives the robot to its goal.
 #[test]
 fn orders_at_the_serial_port_drive_the_robot() {
     let scenario = Scenario::default();

@@ -41,7 +41,8 @@ fn catalogue_has_each_fault_once() {
     assert!(names.len() >= 40 && different.len() == names.len());
 }
 
-/// A processor fault in the motor current loop, and a driver fault too short for the firmware to detect.
+/// A processor fault in the motor current loop stops the robot; a driver fault too short for the firmware to detect
+/// does not.
 #[test]
 fn faults_end_as_the_catalogue_allows() {
     let names = ["HardFault in the current loop", "nFAULT low for 30 µs"];
@@ -49,7 +50,7 @@ fn faults_end_as_the_catalogue_allows() {
     assert!(ends.eq([End::Stopped, End::WentOn]));
 }
 
-/// Runs with entries that do not allow the actual outcome.
+/// A run is wrong if its entry does not allow the actual end, code, time or finding.
 #[test]
 fn outcomes_beyond_an_entry_are_wrong() {
     let mut stops = named("none");

@@ -32,8 +32,8 @@ declare! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Brush {
-        /// Slip stiffness C of each wheel's tyre: force over load for a unit of slip velocity over rolling
-        /// speed, at small slip.
+        /// Slip stiffness C of each wheel's tyre: at small slip, the force is C times the load times slip velocity over
+        /// rolling speed.
         pub slip_stiffness: PerAxle<[f64; 2]> = [[20.0; 2]].into(), "": Range(1.0, 300.0);
         /// Slip velocity at which the tyre of a wheel at rest gives half its friction.
         pub rest_velocity_m_s: f64 = 2e-4, "m/s": Range(5e-5, 0.1);

@@ -7,9 +7,9 @@ use declare::ConfigError;
 /// An open-loop drive: a plant and wheel torques over time.
 #[derive(Clone, Copy, Debug)]
 pub struct Drive {
-    /// Name.
+    /// Name, printed with the results.
     pub name: &'static str,
-    /// Changes to the configured robot.
+    /// Writes the drive's tyre and imperfections into the constants of the configured robot.
     pub robot: fn(&mut PlantConfig),
     /// Amplitude (N m) and rate (rad/s) of the torque common to all wheels.
     pub base: [f64; 2],
@@ -37,7 +37,7 @@ pub const HARSH: Drive = Drive {
     steer: [1.0, 3.1],
 };
 
-/// Normal and harsh drive on both tyres, then the normal drive with every imperfection of the plant.
+/// Normal and harsh drive with both tyre laws, then the normal drive with every imperfection of the plant.
 pub const DRIVES: [Drive; 5] = [
     NORMAL,
     HARSH,
@@ -82,7 +82,7 @@ pub const DRIVES: [Drive; 5] = [
 ];
 
 impl Drive {
-    /// Configuration with the drive's changes.
+    /// The constants in `config` with the drive's tyre and imperfections.
     pub fn config(&self, config: &PlantConfig) -> PlantConfig {
         let mut config = config.clone();
         (self.robot)(&mut config);

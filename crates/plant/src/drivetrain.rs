@@ -41,7 +41,7 @@ impl Drivetrain {
         let [[a, b], [c, d]] = [config.backlash_rad[first], config.backlash_rad[last]];
         let phase = &config.cogging_phase_rad;
         let [[e, f], [g, h]] = [phase[first], phase[last]];
-        // Missing wheels get no backlash, which would keep the group on the slower branch.
+        // A missing axle gets no backlash: backlash would keep the group on the slower branch.
         let half = if last == first { 0.0 } else { 0.5 };
         let half_backlash = [0.5 * a, 0.5 * b, half * c, half * d];
         Self {

@@ -15,7 +15,7 @@ pub struct Elastica {
     pub bending: f64,
     /// Axial stiffness EA, N; infinite for an inextensible strip.
     pub axial: f64,
-    /// Unloaded curvature.
+    /// Legendre coefficients c₂ and c₃ of the unloaded curvature times length.
     pub waves: [f64; 2],
     /// Integration steps along the strip.
     pub steps: usize,
@@ -292,7 +292,7 @@ mod tests {
             arc += speed;
             height += sin * speed;
         }
-        // arc = √(2P/EI)·L, height in the same unit.
+        // Both integrals are scaled: arc is √(2P/EI)·L, height is √(2P/EI) times the deflection.
         let force = bending * (arc / length).powi(2) / 2.0;
         let deflection = height / arc * length;
         let strip = Elastica::straight(length, bending, f64::INFINITY, 400);

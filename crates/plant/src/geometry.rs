@@ -22,7 +22,7 @@ pub struct Clamps {
 }
 
 impl Clamps {
-    /// Clamps of these lengths (m) and angles (rad), rear and front.
+    /// Clamps with rigid parts of `length` (m) at angles `angle` (rad), each rear, front.
     pub fn new(length: [f64; 2], angle: [f64; 2]) -> Self {
         let tip = direction(angle[1]);
         Self {
@@ -48,9 +48,9 @@ pub struct Geometry {
     pub position: [f64; 2],
     /// Front axle's direction in the rear axle's frame.
     pub turn: [f64; 2],
-    /// Strip's end in the root frame.
+    /// Strip's end in the root frame, m.
     pub end: [f64; 2],
-    /// Strip's end in the front axle's frame.
+    /// Strip's end in the front axle's frame, m.
     pub tip: [f64; 2],
     /// Direction of the rear clamp in the rear axle's frame.
     pub root: [f64; 2],

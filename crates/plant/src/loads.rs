@@ -131,7 +131,7 @@ pub struct Loads {
     mass: Vec<f64>,
     height: f64,
     share: f64,
-    /// Specific force that the loads follow.
+    /// Specific force of each axle after the lag, forward and left, m/s²: the loads are computed from it.
     acceleration: Vec<[f64; 2]>,
     /// Loads now, N.
     pub now: Vec<[f64; 2]>,

@@ -55,6 +55,6 @@ pub struct Health {
     pub snap_throughs: u64,
     /// Parts of steps under internal viscosity, during snap-throughs.
     pub creep_steps: u64,
-    /// Parts of steps without a solution, also under internal viscosity: the frame kept its shape.
+    /// Parts of steps without a solution even under internal viscosity; the frame then kept its shape.
     pub failures: u64,
 }

@@ -35,7 +35,7 @@ const ROLLING_FADE_RAD_S: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
-    /// Slip velocity at half the force over the rolling speed; `creep` is its least value, m/s.
+    /// Slip velocity at half the friction, over the rolling speed; `creep` is the least such slip velocity, m/s.
     compliance: [f64; 4],
     creep: f64,
     /// Weight between the secant (0) and the tangent (1) of force over slip in the linearisation. The step is of second
@@ -50,7 +50,7 @@ pub struct Wheels {
     meshed: [f64; 4],
     any_disengaged: bool,
     rolling: f64,
-    /// Motion aside over motion ahead.
+    /// Side slip of each wheel: motion aside over motion ahead.
     side: [f64; 4],
     has_drift: bool,
     stall: f64,
@@ -58,7 +58,7 @@ pub struct Wheels {
     limit: f64,
     /// Radius under the present load, m.
     pub radius: [f64; 4],
-    /// Radius under the load at which it was measured, and that load, N.
+    /// Measured radius, m, and load at the measurement, N.
     nominal: [[f64; 4]; 2],
     softness: f64,
     /// Forward velocity of the contact point for a unit yaw rate (−d left, +d right), m.
@@ -216,7 +216,8 @@ impl Wheels {
         let (radius, load, none) = (V::load(&self.radius), V::load(&c.load), V::splat(0.0));
         let rolled = radius * speed;
         let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
-        // Motion free of force beside a unit ahead. The linearisation leaves out its slope.
+        // Drift and side slip of a wheel that rolls free of force, per unit of motion ahead. The linearisation leaves
+        // out the slope of this motion.
         let (mut ahead, mut aside) = (none, none);
         let (fade, mut faded) = (V::splat(ROLLING_FADE_RAD_S), none);
         if self.has_drift || self.rolling > 0.0 {

@@ -16,7 +16,7 @@ fn plant(config: &PlantConfig) -> Plant {
     config.build(2).expect("the configuration is valid")
 }
 
-/// The first 0.6 s of the comparison of `crates/plant/examples/drives.rs`.
+/// Compares the normal and the harsh drive with the explicit reference over 0.6 s, on tyres of two creep velocities.
 #[test]
 fn postures_follow_the_explicit_reference() {
     for drive in [NORMAL, HARSH] {
@@ -100,7 +100,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
             plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
-        // Four wheels at no-load speed and both axles at the corresponding speed: 13 J.
+        // Four wheels at no-load speed and both axles at the corresponding speed have 13 J.
         assert!(energy < 60.0, "drive {n}: {energy} J");
         let health = plant.health();
         assert_eq!(health.failures, 0, "drive {n}: {health:?}");
@@ -174,7 +174,7 @@ fn top_speed_lies_on_the_speed_torque_line() {
     }
     let mass = 2.0 * 4.76 + 0.6;
     let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
-    // The frame couples the axles, so the wheels differ slightly, but not their mean.
+    // The frame couples the axles, so the wheel speeds differ slightly; their mean is unchanged.
     let axles = plant.axles().iter();
     let mean = axles.flat_map(|a| a.wheel_speed).sum::<f64>() / 4.0;
     let expected = 20.0 * (1.0 - resisting / 2.5);
@@ -234,7 +234,7 @@ fn gauges_root_moment_and_shape_agree() {
         .map(|k| plant.curvature(0, (k as f64 + 0.5) * 0.37 / n as f64) * 0.37 / n as f64)
         .sum();
     assert!((sum - turn).abs() < 1e-4, "{sum} {turn}");
-    // The curve runs from axle to axle, and its length is that of the frame.
+    // The curve runs from axle to axle and is as long as the frame.
     let mut curve = [[0.0; 2]; 400];
     plant.draw(&plant.outline(0, 400), &mut curve);
     let [front, rear] = [0, 1].map(|i| plant.axles()[i].posture);

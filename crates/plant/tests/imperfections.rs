@@ -74,7 +74,7 @@ fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
     }
 }
 
-/// An accelerometer reads the acceleration minus gravity along the floor.
+/// Rolls down a slope with the motors off. An accelerometer reads the acceleration minus gravity along the floor.
 #[test]
 fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     let config = PlantConfig {
@@ -485,7 +485,7 @@ fn mean_of_the_cogging_is_zero() {
     assert!((axle.torque[0] - 0.1).abs() < 0.005);
 }
 
-/// Also during snap-through and stick-slip.
+/// Compares both codes also during snap-through and stick-slip.
 #[test]
 fn vector_and_portable_code_agree_to_the_bit() {
     let soft = PlantConfig {

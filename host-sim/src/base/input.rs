@@ -18,7 +18,7 @@ pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
 
-/// True if a regular file begins with the bytes of `mark`, and true if it ends with them.
+/// Two flags of a regular file: true if the file begins with `mark`, true if the file ends with `mark`.
 pub fn has_edges(path: &Path, mark: &[u8]) -> io::Result<[bool; 2]> {
     let size = size_of(path)?;
     let mut file = File::open(path)?;

@@ -26,7 +26,7 @@ const RENAMED: [(&str, &str); 3] = [
 ];
 /// Largest number of parts of a key on the command line.
 const DEPTH: usize = 16;
-/// Longest text in which the line of too deep nesting is searched, bytes.
+/// Longest text that is searched for the line of too deep nesting, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
 /// Text of a file and its name in errors; the text is empty without a file.
@@ -219,8 +219,8 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
         return shown(format!("{name}: {error}"));
     }
-    // The parser's error of too deep nesting has no position. The line is the first after which the text up to there
-    // gives the same error. Every line is tried, so a long text gets no line.
+    // The parser's error about too deep nesting has no position. The reported line is the first line at which the text
+    // up to that line gives this error. Every line is tried, so a text above `LONGEST_SEARCHED` gets no line.
     let message = error.message();
     let refused = |end: usize| {
         toml::from_str::<Table>(&text[..end])
@@ -237,7 +237,8 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     Error::input(format!("{name}: {line}{message}"))
 }
 
-/// Path and value of the first number that is not finite. Later range checks miss numbers that derived values replace.
+/// Path and value of the first number that is not finite. Later range checks miss a given number that a derived value
+/// has replaced.
 fn not_finite(value: &Value) -> Option<(String, f64)> {
     let within = |key: &str, inner: &Value| {
         let (path, number) = not_finite(inner)?;

@@ -40,7 +40,7 @@ table! {
 pub struct BusStatistics {
     /// Messages sent.
     pub sent: u64,
-    /// Messages lost between boards, counted once for each receiving board.
+    /// Messages lost between boards, counted once for each receiving board; on a cut bus, once for each message.
     pub lost: u64,
     /// Messages that could not be encoded, and frames that could not be decoded.
     pub refused: u64,

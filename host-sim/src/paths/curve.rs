@@ -11,9 +11,9 @@ use std::f64::consts::TAU;
 pub struct Sample {
     /// Arc length, m.
     pub s: f64,
-    /// Position, m.
+    /// Position along x, m.
     pub x: f64,
-    /// Position, m.
+    /// Position along y, m.
     pub y: f64,
     /// Direction, rad in (−π, π].
     pub phi: f64,
@@ -42,7 +42,7 @@ pub struct Path {
     /// Denser samples, at equal steps of the curve's parameter, so that no peak of curvature is missed.
     dense: Vec<Sample>,
     closed: bool,
-    /// Arc length and line of each waypoint.
+    /// Arc length (m) of each waypoint, and its line in the CSV file; `None` for a waypoint from no file.
     pub(super) waypoints: Vec<(f64, Option<u64>)>,
 }
 

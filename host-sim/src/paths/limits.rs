@@ -9,11 +9,11 @@ use std::fmt;
 pub struct PathPosition {
     /// Arc length, m.
     pub s: f64,
-    /// Position, m.
+    /// Position along x, m.
     pub x: f64,
-    /// Position, m.
+    /// Position along y, m.
     pub y: f64,
-    /// Nearest waypoint (from 1) and its line in the file.
+    /// Nearest waypoint, counted from 1, and its line in the file; `None` for a path without waypoints.
     pub waypoint: Option<(usize, Option<u64>)>,
 }
 
@@ -37,49 +37,49 @@ impl fmt::Display for PathPosition {
 pub enum PathError {
     /// A parameter of a shape outside its range.
     Parameter {
-        /// Name.
+        /// Name of the parameter.
         name: &'static str,
-        /// Value.
+        /// Refused value.
         value: f64,
-        /// Allowed values.
+        /// Allowed values, in words.
         allowed: &'static str,
     },
     /// A row that is not a waypoint.
     Row {
         /// Line in the file, from 1.
         line: u64,
-        /// Error.
+        /// Reason for the refusal.
         problem: String,
     },
     /// A waypoint that cannot be used.
     Waypoint {
-        /// Number, from 1.
+        /// Number of the waypoint, from 1.
         number: usize,
-        /// Line in the file, from 1.
+        /// Line of the waypoint in the file, from 1; `None` for a waypoint from no file.
         line: Option<u64>,
-        /// Error.
+        /// Reason for the refusal.
         problem: String,
     },
-    /// Fewer than two waypoints.
+    /// Fewer than two waypoints; holds their number.
     TooFew(usize),
-    /// Length beyond [`MAX_LENGTH_M`], m.
+    /// Length of a path beyond [`MAX_LENGTH_M`], m.
     TooLong(f64),
     /// Curvature beyond the limit of the frame.
     Curvature {
-        /// Place.
+        /// Place of the largest curvature.
         place: PathPosition,
-        /// Curvature there, 1/m.
+        /// Largest curvature, 1/m.
         value: f64,
-        /// Limit, 1/m.
+        /// Limit of the curvature, 1/m.
         bound: f64,
     },
     /// Change of curvature beyond the steering rate of the frame, even at the least speed.
     SteeringRate {
-        /// Place.
+        /// Place of the largest change.
         place: PathPosition,
-        /// |dψ/ds| there, rad/m.
+        /// Largest |dψ/ds|, rad/m.
         value: f64,
-        /// Limit, rad/m.
+        /// Limit of |dψ/ds|, rad/m.
         bound: f64,
     },
     /// A path that the robot cannot begin from its posture.

@@ -7,11 +7,11 @@ use super::{MAX_COORDINATE_M, MIN_SEPARATION_M};
 /// A point that a path must pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waypoint {
-    /// Position, m.
+    /// Position along x, m.
     pub x: f64,
-    /// Position, m.
+    /// Position along y, m.
     pub y: f64,
-    /// Line in the file, from 1.
+    /// Line in the file, from 1; `None` for a waypoint from no file.
     pub line: Option<u64>,
 }
 

@@ -42,9 +42,9 @@ impl Default for TimeLimits {
 /// A point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TimedSample {
-    /// Time, s.
+    /// Time since the start of the trajectory, s.
     pub t: f64,
-    /// Speed, m/s.
+    /// Speed along the path, m/s.
     pub v: f64,
     /// Acceleration along the path, m/s².
     pub a: f64,

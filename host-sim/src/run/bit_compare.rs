@@ -169,7 +169,7 @@ pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, St
     Some(found.unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}"))))
 }
 
-/// All bits of an output, with the bits of NaN.
+/// Bytes of an output; NaNs with different bits give different bytes.
 fn bits(output: &lead::Output) -> Vec<u8> {
     let mut buffer = [0; 1024];
     match postcard::to_slice(output, &mut buffer) {

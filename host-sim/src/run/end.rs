@@ -111,7 +111,7 @@ pub enum Cause {
 /// End of a run or of a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunEnd {
-    /// Kind.
+    /// Kind of the end.
     pub kind: EndKind,
     /// Condition that ended the run, or that qualifies a reached goal.
     pub condition: Option<Condition>,
@@ -119,11 +119,11 @@ pub struct RunEnd {
     pub reason: Option<String>,
     /// Notices and degradations of all nodes since the beginning of the task.
     pub notices: Conditions,
-    /// Estimated posture of O: m, m, rad; none if the robot has no estimate.
+    /// Estimated posture of O: m, m, rad; `None` if the robot has no estimate.
     pub estimate: Option<[f64; 3]>,
     /// 95 % error of the estimate: half axis of the position (m), half the interval of the heading (rad).
     pub error_95: Option<[f64; 2]>,
-    /// True posture of O: m, m, rad; none if unknown.
+    /// True posture of O: m, m, rad; `None` if unknown.
     pub truth: Option<[f64; 3]>,
     /// Time from the task to its end, s.
     pub duration_s: f64,
@@ -131,7 +131,7 @@ pub struct RunEnd {
 
 /// A result that has an end.
 pub trait Ended {
-    /// The end.
+    /// End of the run or step.
     fn end(&self) -> RunEnd;
 }
 
@@ -204,7 +204,7 @@ impl RunEnd {
         SENSORS.into_iter().filter(named)
     }
 
-    /// Code of the condition as in docs/codes.md.
+    /// Code of the condition as in docs/codes.md; `None` without a condition.
     pub fn code(&self) -> Option<String> {
         let code = self.condition.map(Condition::code);
         code.map(|code| format!("{code:#04x}"))
@@ -228,7 +228,7 @@ impl RunEnd {
         causes.map(|it| format!(", {}", it.entry().name)).collect()
     }
 
-    /// The 95 % error as text.
+    /// The 95 % error as text; `None` if the error is unknown.
     pub fn error_text(&self) -> Option<String> {
         let [position, heading] = self.error_95?;
         Some(format!(
@@ -271,14 +271,15 @@ impl RunEnd {
         rows
     }
 
-    /// Warning of an uncertain end, with the remedy.
+    /// Warning of an uncertain end, with the remedy; `None` for another end.
     pub fn warning(&self) -> Option<String> {
         let suspect = self.suspects().next();
         let remedy = suspect.or(self.condition)?.entry().remedy;
         (self.kind == EndKind::Uncertain).then(|| format!("{}; {remedy}", self.text()))
     }
 
-    /// Error of the command: the task was not carried out, and not because the user ended the run.
+    /// Error of the command if the task was not carried out; `None` if the task was carried out or the user ended the
+    /// run.
     pub fn failure(&self) -> Option<String> {
         if self.is_success() || self.kind == EndKind::Interrupted {
             return None;
@@ -305,7 +306,7 @@ fn uncertain(robot: &impl Robot) -> Option<Condition> {
     sensors.find(|&it| all.contains(it))
 }
 
-/// Notice that the commanding host timed out, if the robot reported it.
+/// Notice that the commanding host timed out; `None` if the robot did not report the notice.
 fn silence(notices: Conditions) -> Option<Condition> {
     let silent = Condition::CommanderSilent;
     notices.contains(silent).then_some(silent)

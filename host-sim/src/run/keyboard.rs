@@ -44,9 +44,9 @@ pub enum Key {
 /// Command of a drive by hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hand {
-    /// Speed, m/s.
+    /// Commanded speed, m/s.
     pub speed_m_s: f64,
-    /// Curvature, 1/m.
+    /// Commanded curvature, 1/m.
     pub curvature: f64,
     /// Task to send before the speed: stop, or clear the faults.
     pub task: Option<Task>,
@@ -159,13 +159,14 @@ impl Keyboard {
         self.keys().limits.is_some()
     }
 
-    /// Pause and speed of the simulation.
+    /// True if the simulation is paused, and its speed in multiples of real time.
     pub fn pace(&self) -> (bool, f64) {
         let keys = self.keys();
         (keys.paused, keys.rate)
     }
 
-    /// True if the simulation must wait, because it is paused and no ticks are left. Otherwise uses up one tick.
+    /// True if the simulation must wait: it is paused and no ticks are left. If ticks are left, a paused simulation
+    /// uses up one tick. False after the end of the run.
     pub fn holds(&self) -> bool {
         let mut keys = self.keys();
         if !keys.paused || keys.ended {
@@ -176,7 +177,7 @@ impl Keyboard {
         holds
     }
 
-    /// Command of the drive by hand. Its speed becomes 0 after five seconds without a key.
+    /// Command of the drive by hand. The commanded speed becomes 0 after five seconds without a key.
     pub fn hand(&self) -> Hand {
         let mut keys = self.keys();
         if keys.pressed.elapsed() > IDLE_TIMEOUT && keys.hand.speed_m_s != 0.0 {

@@ -21,14 +21,14 @@ pub const SENSORS: [Condition; 6] = [
 /// Heartbeat of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Status {
-    /// Time, s.
+    /// Time at which the node sent the heartbeat, s.
     pub time_s: f64,
-    /// Node.
+    /// Node that sent the heartbeat.
     pub node: Node,
     /// Name of the node.
     #[serde(skip)]
     pub name: &'static str,
-    /// Operating state.
+    /// Operating state of the node.
     pub state: OperatingState,
     /// First stop or cut since faults were last cleared; for a node that is not armed, the condition that
     /// prevents arming.
@@ -97,7 +97,7 @@ pub struct Monitor {
     /// True for nodes whose next heartbeat still holds notices from before the task.
     stale: Vec<bool>,
     noticed: Vec<Conditions>,
-    /// Latest result of a calibration, and the gauge that caused it.
+    /// Latest result of a calibration, and the gauge that caused the result.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
 
@@ -183,7 +183,7 @@ impl Monitor {
         (last.state == OperatingState::Fault).then_some((last.time_s * 1e3).round() as u64)
     }
 
-    /// Begins a task: clears the notices, and faults that have been cleared no longer count.
+    /// Begins a task: clears the notices. Faults cleared before the task no longer count.
     pub fn begin_task(&mut self) {
         self.noticed.fill(Conditions::NONE);
         self.stale = self.latest.iter().map(Option::is_some).collect();

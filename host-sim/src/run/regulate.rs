@@ -19,7 +19,7 @@ use std::f64::consts::{PI, TAU};
 /// Outcome of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
-    /// True posture of the midpoint at the end.
+    /// True posture of the midpoint at the end: m, m, rad.
     pub midpoint: [f64; 3],
     /// End of the task.
     pub end: RunEnd,

@@ -22,12 +22,12 @@ const STOP_TIMEOUT_US: Micros = 5_000_000;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
-/// State of the robot at the beginning of an epoch, for logs and pictures.
+/// State of the robot at the end of an epoch, for logs and pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     /// Time, s.
     pub time_s: f64,
-    /// True posture of the midpoint.
+    /// True posture of the midpoint: m, m, rad; NaN if unknown.
     pub midpoint: [f64; 3],
     /// Axles, front first.
     pub axles: Vec<AxleRecord>,
@@ -40,7 +40,7 @@ pub struct Record {
 /// State of an axle in a [`Record`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleRecord {
-    /// True posture.
+    /// True posture of the axle: m, m, rad; NaN if unknown.
     pub posture: [f64; 3],
     /// Wheel torques, left and right, N m.
     pub torque: [f64; 2],
@@ -270,7 +270,7 @@ pub trait Robot {
         EPOCH
     }
 
-    /// Builds of the boards' images.
+    /// Boards with the builds of their images; empty for a robot that reports no builds.
     fn builds(&self) -> Vec<(Role, String)> {
         Vec::new()
     }

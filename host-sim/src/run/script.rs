@@ -55,20 +55,20 @@ pub enum ScriptStep {
     Goto([f64; 3]),
     /// Follow a path.
     Follow {
-        /// Path.
+        /// Path to follow.
         path: Box<Path>,
-        /// Number of laps.
+        /// Number of laps of a closed path.
         laps: u32,
         /// True if the path begins at the robot's posture; waypoints of a file are global.
         from_robot: bool,
     },
     /// Drive with a speed and a curvature.
     Speed {
-        /// Speed, m/s.
+        /// Commanded speed, m/s.
         speed_m_s: f64,
-        /// Curvature, 1/m.
+        /// Commanded curvature, 1/m.
         curvature_per_m: f64,
-        /// Duration, s.
+        /// Duration of the step, s.
         seconds: f64,
     },
     /// Brake and hold.
@@ -104,24 +104,24 @@ impl ScriptStep {
 /// Line of a script.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Number, from 1.
+    /// Number of the line, from 1.
     pub number: usize,
-    /// Text.
+    /// Text of the line.
     pub text: String,
-    /// Step.
+    /// Step that the line describes.
     pub step: ScriptStep,
 }
 
 /// End of a step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StepEnd {
-    /// Number of the line.
+    /// Number of the step's line, from 1.
     pub line: usize,
     /// Text of the step.
     pub step: String,
     /// Goal of the step, or the end of its path: m, m, rad.
     pub goal: Option<[f64; 3]>,
-    /// The end.
+    /// End of the step.
     pub end: RunEnd,
 }
 
@@ -171,8 +171,8 @@ pub fn parse_words(words: &[String], number: usize, scenario: &Scenario) -> Resu
     Ok(Line { number, text, step })
 }
 
-/// Refuses a path that begins too far from the final posture of the previous steps, if that posture is known. `at` is
-/// the posture at the start.
+/// Checks each path for which the final posture of the previous steps is known: refuses a path beyond the limits of the
+/// frame, and a path that begins too far from that posture. `at` is the posture at the start; `None` if unknown.
 pub fn check_starts(
     lines: &[Line],
     mut at: Option<[f64; 3]>,

@@ -206,7 +206,8 @@ impl Robot for Simulation {
         self.rig.boards.room()
     }
 
-    /// Loss of a board, or a fault of the lead node that has lasted 1 s without a pending recovery.
+    /// Reason for the end of the run: loss of a board, or a fault of the lead node that has lasted 1 s without a
+    /// pending recovery. `None` while the run can continue.
     fn failure(&self) -> Option<String> {
         if let Some(why) = self.rig.boards.end(self.tick() as u32) {
             return Some(why.to_owned());
@@ -219,7 +220,7 @@ impl Robot for Simulation {
         self.rig.monitor.why_stopped()
     }
 
-    /// Sensors, bus and boards, then the plant.
+    /// Advances by a tick: sensors, bus and boards, then the plant.
     fn step(&mut self) -> Result<(), Error> {
         if let Some(pace) = &mut self.control.pace {
             pace.wait();

@@ -55,8 +55,8 @@ pub const PAIRS: &[Pair] = pairs! {
 const SAME: f64 = 1e-6;
 
 impl Pair {
-    /// Notice that the board parameter differs from the true value. A single parameter is compared with the mean of a
-    /// list.
+    /// Notice that the board parameter differs from the true value; `None` if both agree. A single parameter is
+    /// compared with the mean of a list.
     fn notice(&self, scenario: &Scenario) -> Option<String> {
         let (truth, belief) = (self.values)(scenario);
         let is_same = |a: &f64, b: &f64| (a - b).abs() <= SAME * a.abs().max(b.abs());

@@ -26,8 +26,8 @@ const ROBOT: Topology = Topology::PAIR;
 /// Names of the boards, in the order of the topology.
 const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
 
-/// Parameters by board, named as in `cfmmr parameters`. A parameter of a gauge is an entry of its list or
-/// `\"gain[0]\"`.
+/// Parameters by board, named as in `cfmmr parameters`. A file gives the parameter of a gauge as an entry of a list, or
+/// alone under a key such as `"gain[0]"`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlays {
     /// Topology of the robot.

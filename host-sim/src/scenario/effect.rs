@@ -128,7 +128,8 @@ impl GivenKeys {
         })
     }
 
-    /// Refuses a key of `--set` that has no effect in any of the runs, and reports such keys of the file.
+    /// Refuses a key of `--set` that has no effect in any of the runs, and reports such keys of the scenario file on
+    /// standard error.
     pub fn check(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
         if let Some(text) = self.set.iter().find_map(|key| text(key, taken, runs)) {
             return Err(Error::input(format!("--set {text}")));
@@ -211,7 +212,7 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
     }
 }
 
-/// Parameters of an axle node.
+/// Parameters of an axle node, which the beam board does not use.
 const AXLE: &str = "drive inertial robot.axle robot.limits robot.geometry.wheel_radius_m \
     robot.geometry.wheel_ratio robot.geometry.half_track_m \
     robot.geometry.encoder_counts_per_revolution";

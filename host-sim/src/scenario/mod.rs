@@ -1,8 +1,8 @@
 //! Scenario: everything an experiment depends on, apart from the seed.
 //!
 //! A key is a field of the struct of its table: `plant` in the crate `plant` (`config.rs`), `robot` in
-//! [`core_algos::node::robot`], the others in [`world`] and [`bus`](crate::bus). A world replaces the defaults
-//! of `plant`, `spread`, `sensors` and `bus`.
+//! [`core_algos::node::robot`], the others in [`world`] and [`bus`](crate::bus). A world replaces the defaults of
+//! `plant`, `spread`, `sensors` and `bus`, and the defaults of start accuracy and floor drift in `mission`.
 
 pub mod belief;
 pub mod board_parameters;
@@ -121,7 +121,7 @@ struct Layout {
     bus: BusConfig,
 }
 
-/// Keys of a scenario file, with those of the world's tables. A table of `boards` has the keys of `robot`.
+/// Keys of a scenario file, including the tables of the world. A table of `boards` has the keys of `robot`.
 pub const FIELDS: &[Field] = &[
     table("mission", "The task.", Mission::KIND),
     table("robot", "Configuration of the boards.", RobotConfig::KIND),

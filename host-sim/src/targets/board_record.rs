@@ -29,7 +29,7 @@ pub enum BoardEvent {
 pub struct BoardTick {
     /// Time, ms.
     pub tick: u32,
-    /// Samples.
+    /// Samples of the board's sensors.
     pub samples: Samples,
     /// Torques commanded (left, right), N m.
     pub torque_nm: Wheels<f32>,

@@ -25,7 +25,7 @@ use core_algos::topology::{Role, Topology, Wheels};
 /// Planned failure of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// Board.
+    /// Board that fails.
     pub role: Role,
     /// Time, ms from the start of the simulation.
     pub at: u32,
@@ -130,14 +130,15 @@ impl Boards {
         self.slots.into_iter().map(|slot| slot.target).collect()
     }
 
-    /// Plans failures of boards during the run. Any board that is lost restarts `restart_after` ms later; without
-    /// `restart_after` the board stays off.
+    /// Plans failures of boards during the run. A lost board restarts `restart_after` ms later, or stays off without
+    /// `restart_after`. A board that restarts by itself is started again at the next tick.
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
         self.failures = failures;
         self.restart_after = restart_after;
     }
 
-    /// Stops a board with its outputs held, or sets the lag of its clock to `clock_lag` ticks.
+    /// Stops a board with its outputs held if `held` is true, else lets the board run. Sets the lag of its clock to
+    /// `clock_lag` ticks.
     pub fn hold(&mut self, role: Role, held: bool, clock_lag: u32) -> Result<(), Error> {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.held != held && slot.on {
@@ -288,7 +289,8 @@ impl Boards {
         Ok(())
     }
 
-    /// Value of a board's answer. Without an answer the board is lost: `None`, or an error if the run cannot continue.
+    /// Value of a board's answer; `None` if the board was lost, without an answer or by a restart. An error if the run
+    /// cannot continue.
     fn value_or_loss<T>(
         &mut self,
         i: usize,
@@ -334,7 +336,7 @@ impl Boards {
         Ok(())
     }
 
-    /// Records when all motors are off after the loss of a board.
+    /// Records when all motors are off after the loss of an axle board.
     fn record_motors_off(&mut self, tick: u32) {
         // The output of a lost board is zero torque.
         let mut outputs = self.outputs.iter();

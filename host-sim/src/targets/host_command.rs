@@ -9,16 +9,16 @@ use serde::{Deserialize, Serialize};
 /// Command to the lead node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum HostCommand {
-    /// Task.
+    /// Task for the lead node.
     Task(Task),
-    /// More of the path.
+    /// Further points of the path.
     Path {
         /// Points, at most the free room of the buffer.
         points: Vec<PathPoint>,
         /// True if the path ends with these points.
         end: bool,
     },
-    /// More of the trajectory.
+    /// Further points of the trajectory.
     Trajectory {
         /// Points, at most the free room of the buffer.
         points: Vec<TrajectoryPoint>,
@@ -47,7 +47,7 @@ impl HostCommand {
         }
     }
 
-    /// Subject in messages.
+    /// Name of the command in messages.
     pub fn subject(&self) -> &'static str {
         match self {
             Self::Task(Task::Drive { .. }) => "speed",

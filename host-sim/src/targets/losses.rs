@@ -28,9 +28,9 @@ pub enum EventKind {
 pub struct Event {
     /// Time, s.
     pub time_s: f64,
-    /// Board or host.
+    /// Name of the board, or `host`.
     pub role: &'static str,
-    /// Description.
+    /// Kind of the event.
     pub what: EventKind,
 }
 
@@ -103,7 +103,7 @@ impl Losses {
         self.record(tick, "host", what);
     }
 
-    /// Records the loss of a board; `comes_back` is true if it will restart.
+    /// Records the loss of a board. If `comes_back` is false, the loss of an axle board ends the run.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
         let name = self.topology.name(role);
         self.record(tick, name, EventKind::Lost(why));

@@ -74,7 +74,7 @@ impl From<Error> for Fault {
 pub struct Traffic {
     /// Frames received from the board.
     pub frames: u64,
-    /// Requests that had to be repeated because they, or their answers, were lost or damaged.
+    /// Requests repeated because the request or its answer was lost or damaged.
     pub lost: u64,
     /// Damaged frames received from the board.
     pub damaged: u64,
@@ -87,14 +87,14 @@ pub struct BoardTraffic {
     pub name: &'static str,
     /// True if the board is fitted and on.
     pub on: bool,
-    /// Traffic of its link; `None` for a board without a port.
+    /// Traffic of the board's link; `None` for a board without a port.
     pub traffic: Option<Traffic>,
 }
 
 /// Report of a board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TargetReport {
-    /// Board.
+    /// Name of the board.
     pub role: &'static str,
     /// Place where the nodes run.
     pub target: &'static str,
@@ -102,7 +102,7 @@ pub struct TargetReport {
     pub build: String,
     /// Frames received from the board.
     pub frames: u64,
-    /// Requests that had to be repeated because they, or their answers, were lost or damaged.
+    /// Requests repeated because the request or its answer was lost or damaged.
     pub lost: u64,
     /// Damaged frames received from the board.
     pub damaged: u64,

@@ -14,7 +14,7 @@ use toml::{Table, Value};
 pub struct Figure {
     /// Key in the file.
     pub key: String,
-    /// Value.
+    /// Value of the figure.
     pub value: Value,
     /// Unit; empty for a pure number or a word.
     pub unit: &'static str,

@@ -4,8 +4,9 @@
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). World and boards are connected by the draw, the sensors and
 //! the motors only.
 //!
-//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told`. An omitted key has its base
-//! value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in ([`NAMES`]).
+//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told` ([`PlacementAccuracy`]). An
+//! omitted key has its base value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in
+//! ([`NAMES`]).
 
 pub mod body;
 pub mod drawn;
@@ -99,7 +100,7 @@ pub const FIELDS: &[Field] = &[
     ),
 ];
 
-/// The key of a table.
+/// Entry of [`FIELDS`] for a table.
 pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> Field {
     Field { name, doc, kind }
 }
@@ -463,7 +464,8 @@ mod tests {
         }
     }
 
-    /// Over the same tyre law, omitted keys keep their values.
+    /// A given tyre law replaces another law, and over the same law omitted keys keep their values. Changes with two
+    /// laws are refused.
     #[test]
     fn given_tyre_law_replaces_another_law() {
         let tyre = |changes: &[&str]| {

@@ -34,7 +34,7 @@ pub struct WorldChoice {
 /// Scenario of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct ScenarioArgs {
-    /// The world.
+    /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
     /// Read the scenario from this TOML file; missing keys keep their defaults, see `cfmmr config`
@@ -85,10 +85,10 @@ impl JsonArgs {
 /// Arguments every experiment takes.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
-    /// The scenario.
+    /// Options that select and change the scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// Seed, threads and output.
+    /// Options of seed, threads and output.
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -328,13 +328,13 @@ impl ImageArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct RobotArgs {
-    /// Place of the boards.
+    /// Options that place the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Duration and failures.
+    /// Options of duration and board failures.
     #[command(flatten)]
     pub plan: PlanArgs,
-    /// Images.
+    /// Options that select the images of virtual boards.
     #[command(flatten)]
     pub images: ImageArgs,
     /// Print the processor time of the virtual boards by function and interrupt

@@ -39,7 +39,7 @@ pub enum CalibrateWhat {
 /// Arguments of `calibrate`.
 #[derive(Clone, Debug, Args)]
 pub struct CalibrateArgs {
-    /// The scenario.
+    /// Options that select and change the scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
     /// Part to calibrate

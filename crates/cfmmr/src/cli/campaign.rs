@@ -25,7 +25,7 @@ pub struct CampaignArgs {
     /// Study in TOML (docs/campaigns.md)
     #[arg(value_name = "FILE", required = true)]
     pub file: Option<PathBuf>,
-    /// The world.
+    /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
     /// Compute part I of N, counted from 0 [default: the part of the Slurm or Kubernetes job, else all parts]

@@ -8,7 +8,7 @@ use output::terminal;
 /// Arguments of `config`.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
-    /// The scenario.
+    /// Options that select and change the scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
 }

@@ -66,7 +66,7 @@ pub struct Check {
     pub name: &'static str,
     /// True if simulation or hardware in the loop need the tool or device.
     pub needed: bool,
-    /// Result.
+    /// Result of the check.
     pub finding: Finding,
     /// Version, name or path; the error if there is none.
     pub found: String,
@@ -173,7 +173,7 @@ fn table(checks: &[Check]) -> String {
     format!("{table}{remedies}\n")
 }
 
-/// Folder of the workspace, whose files select the toolchain; `None` if it has moved since the build.
+/// Folder of the workspace, whose files select the toolchain; `None` if the folder has moved since the build.
 fn workspace() -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     workspace.is_dir().then_some(workspace)

@@ -19,7 +19,7 @@ struct BoardRow {
     build: String,
     stack_used: Option<u32>,
     stack_size: Option<u32>,
-    /// Count since power-on, as the next three.
+    /// Panics since power-on; the next three counts are since power-on too.
     panics: Option<u32>,
     processor_faults: Option<u32>,
     watchdog_resets: Option<u32>,

@@ -29,16 +29,16 @@ pub struct DriveArgs {
     /// Start at this posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; real robot: its estimate]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Sensors.
+    /// Options that select the sensors.
     #[command(flatten)]
     pub sensors: SensorArgs,
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Recording of the run.
+    /// Options of recording and display.
     #[command(flatten)]
     pub log: LogArgs,
-    /// The robot.
+    /// Options of the robot: its boards and the duration of the run.
     #[command(flatten)]
     pub robot: RobotArgs,
 }

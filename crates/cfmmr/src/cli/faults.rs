@@ -15,7 +15,7 @@ const PAGE: &str = "docs/faults.md";
 /// Arguments of `faults`.
 #[derive(Clone, Debug, Args)]
 pub struct FaultsArgs {
-    /// The world.
+    /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
     /// Run each fault with this number of seeds
@@ -40,7 +40,7 @@ pub struct FaultsArgs {
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Images.
+    /// Options that select the images of virtual boards.
     #[command(flatten)]
     pub images: ImageArgs,
 }

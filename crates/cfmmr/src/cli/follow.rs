@@ -28,7 +28,7 @@ pub struct CourseArgs {
     /// along the path]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Sensors.
+    /// Options that select the sensors.
     #[command(flatten)]
     pub sensors: SensorArgs,
 }
@@ -52,16 +52,16 @@ pub struct FollowArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Recording of the run.
+    /// Options of recording and display.
     #[command(flatten)]
     pub log: LogArgs,
     /// Drive along this path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
     #[arg(long, default_value = "figure-eight", value_name = "PATH")]
     pub path: String,
-    /// Sensors, start and speed.
+    /// Options of path, start and sensors.
     #[command(flatten)]
     pub drive: CourseArgs,
-    /// The robot.
+    /// Options of the robot: its boards and the duration of the run.
     #[command(flatten)]
     pub robot: RobotArgs,
 }

@@ -23,10 +23,10 @@ pub struct HilArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Recording of the run.
+    /// Options of recording and display.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Place of the boards.
+    /// Options that place the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Use the parameters in the boards' flash instead of the scenario's parameters
@@ -38,7 +38,7 @@ pub struct HilArgs {
     /// Repeat the run in this program and check that every output is identical
     #[arg(long)]
     pub compare: bool,
-    /// Sensors, start and speed.
+    /// Options of path, start and sensors.
     #[command(flatten)]
     pub drive: CourseArgs,
     /// Follow this path, as `follow --path`
@@ -47,7 +47,7 @@ pub struct HilArgs {
     /// Track this trajectory, as `track --path`
     #[arg(long, value_name = "PATH")]
     pub track: Option<String>,
-    /// Duration and failures.
+    /// Options of duration and board failures.
     #[command(flatten)]
     pub plan: PlanArgs,
 }

@@ -139,7 +139,7 @@ fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses two arguments that name one file if one of them is an output.
+/// Refuses two arguments that name one file if one of the arguments is an output.
 fn check_pairs(named: &[Named]) -> Result<(), Error> {
     for (i, one) in named.iter().enumerate() {
         for other in &named[..i] {

@@ -13,7 +13,7 @@ pub struct PaperArgs {
     /// Number of trials a row
     #[arg(long, default_value_t = 50, value_parser = whole::<u32>(1..=1_000_000))]
     pub trials: u32,
-    /// Seed, threads and output.
+    /// Options of seed, threads and output.
     #[command(flatten)]
     pub run: RunArgs,
 }

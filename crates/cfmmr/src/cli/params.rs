@@ -68,7 +68,7 @@ pub struct ParamsGet {
     /// Names of parameters, see `cfmmr parameters`
     #[arg(value_name = "NAME", required = true)]
     pub names: Vec<String>,
-    /// Boards.
+    /// Boards of the command, and destination of its result.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -82,7 +82,7 @@ pub struct ParamsSet {
     /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
-    /// Boards.
+    /// Boards of the command, and destination of its result.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -96,7 +96,7 @@ pub struct ParamsExport {
     /// Export all parameters
     #[arg(long)]
     pub all: bool,
-    /// Boards.
+    /// Boards of the command, and destination of its result.
     #[command(flatten)]
     pub target: ParamsTarget,
 }
@@ -110,7 +110,7 @@ pub struct ParamsImport {
     /// Save the parameters in the flash
     #[arg(long)]
     pub save: bool,
-    /// Boards.
+    /// Boards of the command, and destination of its result.
     #[command(flatten)]
     pub target: ParamsTarget,
 }

@@ -31,7 +31,7 @@ pub struct PostureArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Recording of the run.
+    /// Options of recording and display.
     #[command(flatten)]
     pub log: LogArgs,
     /// Run this number of paired trials per row [default: 50]
@@ -46,7 +46,7 @@ pub struct PostureArgs {
     /// Sensors of a robot with boards.
     #[command(flatten)]
     pub sensors: SensorArgs,
-    /// The robot.
+    /// Options of the robot: its boards and the duration of the run.
     #[command(flatten)]
     pub robot: RobotArgs,
 }

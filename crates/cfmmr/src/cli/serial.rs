@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn every_variant_and_field_of_the_protocol_is_in_the_table() {
         assert_complete("Requests", &variants::<Request>(&[7], |value| value));
-        // After the number of the frame: number of the request, owner, sequence.
+        // The bytes are the numbers of frame and request, the owner, and the sequence; the number of the order follows.
         let order = |value: Value| value["Order"]["order"].clone();
         assert_complete("Orders", &variants::<Request>(&[7, 5, 0, 0], order));
         let replies = variants::<Reply>(&[7], |value| value);

@@ -28,7 +28,7 @@ use std::time::Instant;
 /// Arguments of `soak`.
 #[derive(Clone, Debug, Args)]
 pub struct SoakArgs {
-    /// The world.
+    /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
     /// Drive for this number of ticks of 1 ms
@@ -55,7 +55,7 @@ struct Measured {
     report: SoakReport,
     /// Simulated time over time taken.
     real_time_factor: f64,
-    /// Virtual boards.
+    /// Reports of virtual boards.
     boards: Vec<BoardReport>,
     problems: Vec<String>,
 }

@@ -477,7 +477,7 @@ mod tests {
             noticed: Conditions::NONE,
         };
         view.nodes = Topology::PAIR.nodes().map(node).collect();
-        // Every node reports this until the other nodes have started.
+        // Every node reports a lost neighbour until the other nodes have started.
         view.nodes[1].noticed.set(Condition::NeighbourLost, true);
         view.record.lead.mode = LeadMode::Hold;
         view.record.lead.motion.v = 0.2;
@@ -565,7 +565,7 @@ mod tests {
             assert!(text.contains(low), "{size:?}: {}", lines.join("\n"));
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
             assert!(!text.contains("none"));
-            // Reported by the lead node, which has left the fault state.
+            // The lead node reported this condition, and has left the fault state since then.
             let expected =
                 "0x83 neighbour stopped (Lead, 12.300 s, cleared): read the code of that node";
             assert!(text.contains(expected), "{size:?}: {}", lines.join("\n"));

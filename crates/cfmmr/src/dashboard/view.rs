@@ -12,9 +12,9 @@ use host_sim::targets::BoardTraffic;
 /// State of a node at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct NodeView {
-    /// Name.
+    /// Name of the node.
     pub name: &'static str,
-    /// Latest heartbeat.
+    /// Latest heartbeat of the node; `None` before the first.
     pub latest: Option<Status>,
     /// Notices and degradations so far.
     pub noticed: Conditions,
@@ -77,7 +77,7 @@ impl View {
         }
     }
 
-    /// View before the first epoch: the nodes as the monitor has received them.
+    /// View before the first epoch, with the heartbeats that the monitor has received.
     pub fn before(monitor: &Monitor) -> Self {
         let topology = monitor.topology;
         let axle = |axle| topology.name(Role::Axle(axle));

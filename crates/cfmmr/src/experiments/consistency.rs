@@ -231,9 +231,9 @@ pub struct ConsistencyRow {
     pub rps: bool,
     /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Fusion.
+    /// Name of the fusion.
     pub fusion: &'static str,
-    /// Consistency.
+    /// Verdict on the consistency.
     pub statement: Statement,
     /// Numbers of runs by end. Every run is evaluated, whatever its end.
     pub ends: Ends,
@@ -245,7 +245,7 @@ pub struct ConsistencyRow {
     pub path_above: f64,
     /// Mean NIS of the beam's measurements; `None` if the fusion does not use the beam.
     pub beam_nis: Option<f64>,
-    /// Every half second, until the shortest run ends.
+    /// Consistency at every half second of the path, until the shortest run ends.
     pub path: Vec<InstantConsistency>,
 }
 
@@ -394,7 +394,7 @@ fn csv(report: &ConsistencyReport) -> Csv {
 /// Fusions of the picture, in the order of their colours.
 const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
-/// NEES over time: one row of panels per body, left without and right with inertial sensors.
+/// NEES over time: a row of panels for each body, the left panel without and the right panel with inertial sensors.
 fn figure(report: &ConsistencyReport) -> Figure {
     let last = report.rows.iter().filter_map(|row| row.path.last());
     let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));
@@ -483,9 +483,9 @@ mod tests {
     #[test]
     fn nees_sums_squared_errors_in_standard_deviations() {
         let estimate = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.1), [0.1, 0.2, 0.05]);
-        // One, two and three standard deviations, the heading across half a turn.
+        // The errors are one, two and three standard deviations; the true heading is given a whole turn further.
         let truth = [0.9, 2.4, 3.1 - 0.15 + std::f64::consts::TAU];
-        // The covariance is in f32: seven digits of 14.
+        // The covariance is in f32, so the NEES of 14 has seven correct digits.
         assert!((nees(&estimate, truth) - 14.0).abs() < 1e-4);
     }
 

@@ -25,18 +25,18 @@ const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
 pub struct FaultRow {
     /// Name of the fault.
     pub fault: &'static str,
-    /// Place of the fault.
+    /// Signal or part that the fault changes.
     pub seam: &'static str,
-    /// Number of times of the fault.
+    /// Number of different times at which the fault comes.
     pub times: usize,
-    /// Number of cases in runs of a single board.
+    /// Number of cases (instants or damages) that all runs together try.
     pub cases: usize,
     /// True if the fault silences the bus: the phase of the bus decides which code of [`SILENCE`] comes first.
     #[serde(skip)]
     pub silences: bool,
-    /// Time limit until all motors are off, s; `None` if the robot must not stop.
+    /// Time limit until all motors are off, s; `None` if the robot must not stop or does not drive.
     pub off_within_s: Option<f64>,
-    /// Time limit until the last pulse of the affected axle, s.
+    /// Time limit until the last pulse of the affected axle, s; `None` without such a limit.
     pub own_within_s: Option<f64>,
     /// Outcome of each run.
     pub outcomes: Vec<Outcome>,
@@ -85,7 +85,7 @@ impl FaultRow {
         times.reduce(f64::max)
     }
 
-    /// Longest time to motors off, s; `None` if the robot must not stop.
+    /// Longest time to motors off, s; `None` without a time limit, or if no run stopped.
     fn off_s(&self) -> Option<f64> {
         self.longest(|run| run.off_s)
             .filter(|_| self.off_within_s.is_some())

@@ -32,7 +32,7 @@ pub struct PathOptions {
     pub laps: u32,
     /// Largest speed along the path, m/s [default: the scenario's].
     pub speed_m_s: Option<f64>,
-    /// Start posture of the midpoint O, m, m, rad [default: on the first point of the path, along it].
+    /// Start posture of the midpoint O, m, m, rad [default: on the first point of the path, along the path].
     pub start: Option<[f64; 3]>,
 }
 
@@ -54,7 +54,7 @@ pub struct FollowReport {
     pub rps: bool,
     /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Fusion.
+    /// Name of the fusion.
     pub fusion: &'static str,
     /// Errors of the true midpoint.
     #[serde(flatten)]

@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Thread pool; `None`: one thread per core.
+/// Pool of `threads` threads; `None` starts one thread per core.
 pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Error> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.map_or(0, usize::from));
     pool.build()
@@ -57,7 +57,7 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Starts the threads; `None`: one per core. Ctrl-C sets the flag.
+    /// Starts the threads; `None` starts one thread per core. Ctrl-C sets the flag.
     pub fn new(threads: Option<u16>) -> Result<Self, Error> {
         Ok(Self {
             interrupt: watch_for_interrupt()?,
@@ -145,7 +145,7 @@ pub struct Context {
     pub seed: u64,
     /// Name of the command.
     pub name: String,
-    /// Threads.
+    /// Threads of the command.
     pub workers: Workers,
     given: GivenKeys,
     out: PathBuf,
@@ -225,8 +225,8 @@ impl Context {
         OutputDir::create(&self.out).map_err(|error| Error::input(format!("--out: {error}")))
     }
 
-    /// Writes the JSON result and all files, then prints the table and the names of the files. `failed`: reason if the
-    /// command fails although it has results.
+    /// Writes the JSON result and all files, then prints the table and the names of the files. `failed` holds the
+    /// reason if the command fails although it has results.
     pub fn finish(
         &self,
         table: &str,

@@ -119,7 +119,7 @@ pub struct Json {
 }
 
 impl Json {
-    /// Destination: a file, `-` for standard output, or none. Fails if the file cannot be written.
+    /// Destination: a file, standard output for the name `-`, or none for `None`. Fails if the file cannot be written.
     pub fn to(file: Option<PathBuf>) -> Result<Self, Error> {
         let json = Self { file };
         match &json.file {

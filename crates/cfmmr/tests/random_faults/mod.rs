@@ -1,5 +1,5 @@
 //! Runs of the whole robot in this process, 10 s each, with random faults of bus, sensors, drivers and boards, and with
-//! random commands. `watch` contains the invariants checked at every tick.
+//! random commands. `checks` contains the invariants checked at every tick.
 //!
 //! The environment variables `RANDOM_FAULT_RUNS` (number of runs) and `RANDOM_FAULT_SEED` (first seed) allow longer
 //! checks.

@@ -48,7 +48,7 @@ const LONGEST_CREEP: f64 = 0.5;
 pub struct Strip {
     length: f64,
     bending: f64,
-    /// EI / (EA L²).
+    /// Axial strain for a unit of force, EI/(EA L²).
     stretch: f64,
     /// Unloaded curvature times L, rows as in [`MODE`].
     natural: Column,
@@ -81,7 +81,7 @@ pub struct Shape {
     unknowns: Column,
 }
 
-/// Result of a solution.
+/// Result of a solution by Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Factorisations used.
@@ -147,7 +147,8 @@ impl Strip {
         equilibrium
     }
 
-    /// Force error left by a pair of corrections: their product is a length, which the stiffness turns into a force.
+    /// Force error left by two successive corrections: the product of the corrections is a length, which the stiffness
+    /// turns into a force.
     #[inline(always)]
     fn remainder(e: &Equilibrium, first: f64, second: f64) -> f64 {
         let k = &e.stiffness;
@@ -201,8 +202,8 @@ impl Strip {
     }
 
     /// Equilibrium at `end` (m, m, rad; root frame), followed from the equilibrium in `e`. The start is extrapolated
-    /// with `bend`, the second difference found by [`Self::near`] half-way, or zero. Returns `None`, with `e` at the
-    /// new end but otherwise unchanged, if no stable equilibrium is near.
+    /// with `bend`, the second difference found by [`Self::near`] half-way, or zero. `None` if no stable equilibrium is
+    /// near; `e` then has the new end, its old unknowns and a changed linearisation.
     #[inline(always)]
     pub fn follow<V: Lanes>(
         &self,
@@ -223,8 +224,8 @@ impl Strip {
         }
     }
 
-    /// The incremental equilibrium at the end already in `e`, held back by internal viscosity.
-    /// `None`, with only the linearisation of `e` changed, if this does not converge either.
+    /// The incremental equilibrium at the end already in `e`, held back by internal viscosity. `None`, with only the
+    /// linearisation of `e` changed, if the solution does not converge or is not stable.
     #[cold]
     #[inline(never)]
     pub fn creep(&self, e: &mut Equilibrium, ratio: f64) -> Option<Solved> {
@@ -257,7 +258,7 @@ impl Strip {
         let mut z = Column::store(linear);
         let (mut last, mut moment) = self.polish::<V>(e, &mut z, &end, None);
         let allowed = Self::allowed(e);
-        // The factors are off by about the travel between the two ends.
+        // The relative error of the factors is about the distance between the two ends.
         let off = (end[0] - e.end[0]).abs() + (end[1] - e.end[1]).abs() + (end[2] - e.end[2]).abs();
         if !(Self::remainder(e, last, last + off) <= allowed) {
             let mut rounds = 0;
@@ -292,7 +293,7 @@ impl Strip {
         ]
     }
 
-    /// Wrench (N, N, N m) at an `end` close to that of `e`, to first order.
+    /// Wrench (N, N, N m) at an `end` close to the end of `e`, to first order.
     pub fn linear_wrench(&self, e: &Equilibrium, end: [f64; 3]) -> [f64; 3] {
         let end = self.scaled(end);
         let mut wrench = [e.unknowns[MODES], e.unknowns[MODES + 1], e.moment];

@@ -131,8 +131,8 @@ fn integrals<V: Lanes>(a: Twelve<V>, b: Twelve<V>, c: Twelve<V>, d: Twelve<V>) -
     V::sums([a.folded(), b.folded(), c.folded(), d.folded()]).store()
 }
 
-/// Even and odd part over the node pairs 0 to 3, and over 4 and 5 (twice, the odd part with both
-/// signs).
+/// Even and odd part of `v` over the node pairs 0 to 3, and over the pairs 4 and 5. The second vector holds the pairs 4
+/// and 5 twice, in the odd part with both signs.
 #[inline(always)]
 fn fold<V: Lanes>(v: Twelve<V>) -> ([V; 2], [V; 2]) {
     let v = v.0;
@@ -151,7 +151,8 @@ impl Strip {
     #[inline(always)]
     pub(super) fn points<V: Lanes>(&self, z: &Column, turn: f64) -> Points<V> {
         let rise = Twelve::load(&STRAND_RISE) * V::splat(turn);
-        // The first and the last group are mirror images: even part ± odd part.
+        // The first and the last group of nodes are mirror images: their slopes are the even part plus and minus the
+        // odd part.
         let mid = V::splat(0.5 * turn);
         let (mut even, mut odd, mut inner) = (mid, rise.0[0] - mid, rise.0[1]);
         for i in 0..MODES {
@@ -202,8 +203,7 @@ impl Strip {
         let rise = Twelve::load(&STRAND_RISE);
         let none = V::splat(0.0);
 
-        // Integrands of the second derivatives: curvature of the load, force columns, axial give;
-        // and of the gradient.
+        // Integrands of the second derivatives (curvature of the load, force columns, axial give) and of the gradient.
         let give = Twelve::load(&STRAND_WEIGHTS) * V::splat(self.stretch);
         let (x, y, across) = (p.length * p.cos, p.length * p.sin, p.length * p.shear);
         let give_across = give * p.shear;
@@ -499,7 +499,7 @@ fn dissipation<V: Lanes>(
     v[0] = V::sums([a[0] + a[1], b[0] + b[1], c[0] + c[1], d[0] + d[1]]).store();
     let (a, b) = ((wy * *turn).0, (wt * *turn).0);
     v[1] = V::sums([a[0] + a[1], b[0] + b[1], none, none]).store();
-    // Part of the axial force.
+    // Dissipation by the axial force.
     let (mut ax, mut ay) = ([0.0; 3], [0.0; 3]);
     for n in 0..3 {
         ax[n] = xx * fx[n] + xy * fy[n];

@@ -234,7 +234,8 @@ fn elimination_of_the_frames_solves_the_whole_system() {
     solution_is_that_of_the_whole_system::<5, 4, 3>();
 }
 
-/// Soft strips that the tyres can buckle: while one frame creeps, another frame causes rejected parts of steps.
+/// The tyres can buckle these soft strips: while one frame creeps, parts of steps are rejected because of another
+/// frame.
 #[test]
 fn chains_snap_through_without_failure_and_keep_their_energy_bounded() {
     let config = PlantConfig {
@@ -256,7 +257,7 @@ fn chains_snap_through_without_failure_and_keep_their_energy_bounded() {
                     .map(|i| [wave(2 * i, t), wave(2 * i + 1, t)])
                     .collect();
                 plant.step(&torque);
-                // Wheels at no-load speed, axles at the corresponding speed: 6.5 J per axle.
+                // With its wheels at no-load speed and moving at the corresponding speed, an axle has 6.5 J.
                 assert!(
                     plant.energy() < 30.0 * axles as f64,
                     "{axles} axles, drive {n}"

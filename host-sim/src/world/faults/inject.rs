@@ -40,7 +40,8 @@ pub struct Injector {
 }
 
 impl Injector {
-    /// `full_scale` is the largest count of the beam's converter, `held` the last readings before the fault.
+    /// Injector of `fault` from tick `at` on. `full_scale` is the largest count of the beam's converter, `held` the
+    /// last readings before the fault.
     pub fn new(fault: Fault, at: u32, full_scale: i32, held: Readings) -> Self {
         Self {
             fault,

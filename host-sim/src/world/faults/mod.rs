@@ -38,7 +38,7 @@ pub enum Fault {
     Bus(BusConfig),
     /// A board loses its supply and restarts.
     Reset {
-        /// Board.
+        /// Board that loses its supply.
         board: Role,
         /// Time without supply, ms.
         off_ms: u32,
@@ -47,23 +47,23 @@ pub enum Fault {
     Loss(Role),
     /// A board stops running with its outputs held, then continues.
     Freeze {
-        /// Board.
+        /// Board that stops running.
         board: Role,
         /// Duration of the stop, ms.
         ms: u32,
     },
     /// A board's clock is slow.
     SlowClock {
-        /// Board.
+        /// Board with the slow clock.
         board: Role,
-        /// One tick is missing in each period of so many ticks.
+        /// Period in which one tick is missing, ticks.
         period: u32,
     },
     /// Bridges read an end of the converter's range.
     GaugeRail {
         /// Number of bridges, from the root.
         count: usize,
-        /// End of the range.
+        /// End of the range that the bridges read.
         rail: Rail,
     },
     /// A bridge repeats its last reading.
@@ -72,16 +72,16 @@ pub enum Fault {
     GaugesShifted([i32; 5]),
     /// A bridge's reading drifts.
     GaugeDrift {
-        /// Gauge.
+        /// Gauge whose reading drifts.
         gauge: usize,
-        /// Rate, counts a second.
+        /// Rate of the drift, counts a second.
         counts_per_s: f64,
     },
     /// An encoder repeats its last reading.
     EncoderStuck(Wheel),
     /// An encoder's count jumps every 50 ms.
     EncoderJumps {
-        /// Wheel.
+        /// Wheel whose encoder jumps.
         wheel: Wheel,
         /// Counts of each jump.
         counts: i32,
@@ -94,7 +94,7 @@ pub enum Fault {
     GyroNotANumber(usize),
     /// The gyro of an axle has a bias.
     GyroBias {
-        /// Axle.
+        /// Axle with the biased gyro.
         axle: usize,
         /// Bias, rad/s.
         bias_rad_s: f32,
@@ -103,16 +103,16 @@ pub enum Fault {
     AccelerometerMissing(usize),
     /// A motor gives a fixed share of the commanded torque.
     MotorWeak {
-        /// Wheel.
+        /// Wheel with the weak motor.
         wheel: Wheel,
-        /// Share of the torque, 0 to 1.
+        /// Share of the commanded torque, 0 to 1.
         share: f64,
     },
     /// A motor gives a constant torque while its motor bridge is on.
     MotorStuckOn {
-        /// Wheel.
+        /// Wheel of the motor.
         wheel: Wheel,
-        /// Torque, N m.
+        /// Torque of the motor at the wheel, N m.
         torque_n_m: f64,
     },
     /// A wheel does not touch the ground.
@@ -121,11 +121,11 @@ pub enum Fault {
     FrameSnapped,
     /// The drivers of an axle report a condition.
     Reported {
-        /// Axle.
+        /// Axle whose drivers report the condition.
         axle: usize,
-        /// Condition.
+        /// Reported condition.
         condition: Condition,
-        /// Duration, ms; 0 means permanent.
+        /// Duration of the report, ms; 0 means permanent.
         ms: u32,
     },
 }

@@ -56,7 +56,7 @@ table! {
         pub position_sigma_m: f64 = 0.3e-3, "m": NonNegative;
         /// Final share of a sustained strain that a gauge loses by creep of its adhesive and carrier.
         pub creep_share: f64 = 0.0, "": Range(-0.05, 0.05);
-        /// Standard deviation of that share, the same for all gauges of a robot.
+        /// Standard deviation of the creep share, which is equal for all gauges of a robot.
         pub creep_sigma: f64 = 0.0, "": Range(0.0, SMALL);
         /// Time constant of the creep.
         pub creep_time_s: f64 = 60.0, "s": Positive;

@@ -106,8 +106,9 @@ impl SensorConfig {
         within("sensors.bridge", self.bridge.check())
     }
 
-    /// Draws the errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the plant. The
-    /// configuration only scales the random numbers.
+    /// Draws the errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds the errors of the
+    /// plant, the gain error common to all bridges, and the creep of the gauges. The configuration only scales the
+    /// random numbers.
     pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
         let mut drawn = Drawn::none(topology);
 

@@ -245,7 +245,7 @@ fn bridge_counts_match_hand_calculation() {
     truth.strains[0][0] = 1e-3;
     let mut ideal = sensors(&config, &Drawn::none(Topology::PAIR));
     assert_eq!(ideal.sample(&truth).frames[0][0], 2064);
-    // Half a bridge gives half as much.
+    // A bridge with half the active gauges gives half the counts.
     let mut half = config.clone();
     half.bridge.active_gauges = 2;
     let mut half = sensors(&half, &Drawn::none(Topology::PAIR));

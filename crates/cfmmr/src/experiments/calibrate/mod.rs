@@ -87,7 +87,8 @@ impl CalibrationBench {
         &self.robot
     }
 
-    /// Drives a path with the noise and placement of draw `run`; draw 0 is the robot.
+    /// Drives a path with the noise, placement and encoder phases of draw `run`; all other errors are those of the
+    /// robot, draw 0.
     pub fn drive(
         &mut self,
         scenario: &Scenario,
@@ -226,7 +227,8 @@ impl CalibrationBench {
             for k in 0..REST_SAMPLES + TURN_SAMPLES + REST_SAMPLES {
                 let part =
                     usize::from(k >= REST_SAMPLES) + usize::from(k >= REST_SAMPLES + TURN_SAMPLES);
-                // The turn starts and ends smoothly, within its own part of the readings.
+                // The rate rises and falls smoothly, and is zero in the first and the last percent of the turn's
+                // readings.
                 let share = (k as f64 - REST_SAMPLES as f64) / TURN_SAMPLES as f64;
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {

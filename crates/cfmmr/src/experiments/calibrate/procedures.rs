@@ -32,7 +32,7 @@ pub(super) struct CalibratedParameter {
     pub(super) unit: &'static str,
     pub(super) before: f64,
     pub(super) after: f64,
-    /// Value of the simulated robot.
+    /// True value in the simulated robot.
     pub(super) truth: f64,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Effect {
     pub(super) after: f64,
 }
 
-/// Result.
+/// Result of a calibration.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct CalibrationReport {
     /// World of the robot.

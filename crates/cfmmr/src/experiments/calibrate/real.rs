@@ -20,12 +20,12 @@ const TIMEOUT: Duration = Duration::from_secs(15);
 /// Timeout of one read.
 const READ_TIMEOUT: Duration = Duration::from_millis(10);
 
-/// Result.
+/// Result of a calibration by the beam board.
 #[derive(Debug, Serialize)]
 struct BoardCalibrationReport {
     calibrate: Calibrate,
     result: CalibrationResult,
-    /// Gauge that caused the failure, counted from 1 at the root.
+    /// Gauge that caused the failure, counted from 1 at the root; `None` if no gauge caused a failure.
     gauge: Option<u8>,
 }
 
@@ -45,7 +45,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
              the gains"
         )));
     }
-    // Tells the answer from answers to earlier processes.
+    // The sequence distinguishes the answer from answers to earlier processes.
     let sequence = (std::process::id() % 256) as u8;
     let message = Message::BeamCalibration {
         frame: FrameId(0),

@@ -23,7 +23,7 @@ pub struct Lap {
     steps: Vec<OdometryStep>,
 }
 
-/// Odometric motion ahead and aside, m, and turn, rad; additional turn per unit of each error, rad.
+/// Step of the odometry: motion ahead and aside, m, turn, rad, and change of the turn for a unit of each error, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OdometryStep {
     displacement: [f64; 2],
@@ -89,7 +89,7 @@ impl Lap {
 /// Odometry and true end of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Return {
-    /// Odometry.
+    /// Odometry of the run.
     pub lap: Lap,
     /// True end in the frame of the start: m, m, rad.
     pub end: [f64; 3],
@@ -173,7 +173,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
 pub struct AxleConstants {
     /// Mean radius, m.
     pub radius_m: f64,
-    /// Radius of the right wheel over that of the left.
+    /// Radius of the right wheel over radius of the left wheel.
     pub ratio: f64,
     /// Half the track, m.
     pub half_track_m: f64,

@@ -20,9 +20,9 @@ use std::path::Path;
 /// Numbers of runs of a finished part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Computed {
-    /// Computed runs.
+    /// Number of computed runs.
     pub runs: u64,
-    /// Runs already complete at the start.
+    /// Number of runs already complete at the start.
     pub before: u64,
 }
 
@@ -120,15 +120,15 @@ fn run_trial(study: &Study, index: u64) -> Result<CampaignRow, Error> {
 pub struct CampaignProgress {
     /// Name of the study.
     pub name: String,
-    /// All runs.
+    /// Number of all runs.
     pub runs: u64,
-    /// Runs in complete blocks.
+    /// Number of runs in complete blocks.
     pub runs_done: u64,
-    /// All blocks.
+    /// Number of all blocks.
     pub blocks: u64,
-    /// Blocks without a file.
+    /// Numbers of the blocks without a file.
     pub missing: Vec<u64>,
-    /// Damaged blocks.
+    /// Damaged blocks, each with the reason.
     #[serde(rename = "spoiled")]
     pub damaged: Vec<String>,
 }
@@ -156,7 +156,7 @@ pub fn read_blocks(directory: &Directory) -> Result<(CampaignProgress, Vec<Campa
 
 /// Merged runs of a campaign.
 pub struct Merged {
-    /// Result.
+    /// Report on the merged runs.
     pub report: CampaignReport,
     /// Table and pictures, not yet written.
     pub files: OutputDir,

@@ -89,7 +89,8 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     })
 }
 
-/// Lists that are not numbers; without any, the first list if it has at most four values.
+/// Lists whose values are not numbers. If all lists hold numbers: the first list, provided that it has at most four
+/// values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     let words = lists.iter().filter(|list| !list.vary.is_numeric());
     let words: Vec<&Listed> = words.collect();
@@ -324,7 +325,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     ([low - room, high + room], false)
 }
 
-/// Position error over one quantity; `all`: values of the quantity in all runs.
+/// Position error over one quantity; `all` holds the values of the quantity in all runs.
 fn influence(vary: &Vary, index: usize, all: &[f64], groups: &[Group]) -> Panel {
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let (limits, logarithmic) = axis(all, even);

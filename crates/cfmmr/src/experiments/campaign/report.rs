@@ -12,17 +12,17 @@ use serde::Serialize;
 pub struct Cell {
     /// The listed quantities and their values.
     pub values: Vec<(String, String)>,
-    /// Trials.
+    /// Number of trials.
     pub trials: usize,
     /// Distance of O from the goal, m.
     pub e_m: Summary,
-    /// Median distance, m.
+    /// Median distance of O from the goal, m.
     pub e_median_m: f64,
-    /// 95th percentile of the distance, m.
+    /// 95th percentile of the distance of O from the goal, m.
     pub e_p95_m: f64,
     /// Heading error of O, rad.
     pub heading_rad: Summary,
-    /// Share within 3 cm and 3°.
+    /// Share of the trials that end within 3 cm and 3° of the goal.
     pub within_3cm_3deg: f64,
     /// Wilson's 95 % interval of the share.
     pub within_interval: [f64; 2],
@@ -43,7 +43,7 @@ pub struct Influence {
     pub cell: u64,
     /// The listed quantities and their values.
     pub values: Vec<(String, String)>,
-    /// Trials.
+    /// Number of trials.
     pub trials: usize,
     /// Spearman's rank correlation with the distance from the goal.
     pub rank_correlation_e: Option<f64>,
@@ -62,9 +62,9 @@ pub struct CampaignReport {
     pub name: String,
     /// World of the first run.
     pub world: String,
-    /// Seed.
+    /// Seed of all draws.
     pub seed: u64,
-    /// Runs.
+    /// Number of runs.
     pub runs: usize,
     /// The combinations, in the order of the file.
     pub cells: Vec<Cell>,
@@ -250,8 +250,8 @@ fn label(values: &[(String, String)]) -> String {
     }
 }
 
-/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle`: key and reason if the key has
-/// no effect there.
+/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle` holds key and reason if the key
+/// has no effect there.
 fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
     let drawn = numbers(index, rows);
     let with = |error: fn(&CampaignRow) -> f64| match idle {

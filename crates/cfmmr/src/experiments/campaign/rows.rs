@@ -32,7 +32,7 @@ pub struct CampaignRow {
     pub e_m: f64,
     /// Heading of O less that of the goal, rad.
     pub heading_rad: f64,
-    /// True within 3 cm and 3°.
+    /// True if the run ends within 3 cm and 3° of the goal.
     pub within: bool,
     /// End of the run.
     pub end: EndKind,
@@ -44,9 +44,9 @@ pub struct CampaignRow {
     pub code: u8,
     /// True posture at the end: m, m, rad.
     pub at: [f64; 3],
-    /// 95 % error of the estimated position at the end, m, if the robot has an estimate.
+    /// 95 % error of the estimated position at the end, m; `None` if the robot has no estimate.
     pub error_95_m: Option<f64>,
-    /// Distance of the estimate from the true position at the end, m, if the robot has an estimate.
+    /// Distance of the estimate from the true position at the end, m; `None` if the robot has no estimate.
     pub estimate_error_m: Option<f64>,
     /// Error of the estimated relative position of the axles at the end, m.
     pub drift_m: f64,

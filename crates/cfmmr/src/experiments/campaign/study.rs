@@ -157,7 +157,8 @@ impl Vary {
     }
 }
 
-/// Number of a value; of a list, for example one entry per wheel, the common number of all entries.
+/// Number of a value; of a list, for example one entry per wheel, the common number of all entries. `None` if there is
+/// no such number.
 pub fn number(value: &toml::Value) -> Option<f64> {
     match value {
         toml::Value::Float(value) => Some(*value),

@@ -346,7 +346,7 @@ fn tables_of_the_report_fit_80_columns_with_whole_figures() {
         text.lines().all(|line| line.chars().count() <= 80),
         "{text}"
     );
-    // 0.1 to 0.5 m, and 1 to 5 m.
+    // Errors from 0.1 to 0.5 m, and from 1 to 5 m.
     for figure in ["30.00 ± 15.81", "300.00 ± 158.11", "+0.90"] {
         assert_eq!(text.matches(figure).count(), 2, "{text}");
     }
@@ -395,7 +395,7 @@ fn numbers_in_report_of_80_columns_are_not_wrapped() {
         for figure in ["1234.50 ± 0.00", "1234.50  ", "100 % (51 to 100)"] {
             assert!(text.matches(figure).count() >= 4, "{figure}: {text}");
         }
-        // A part of a divided number begins or ends with its point.
+        // A number divided by a line break would leave a word that begins or ends with its decimal point.
         let words = text.split_whitespace();
         let ends = words.filter(|word| word.starts_with('.') || word.ends_with('.'));
         let number = |word: &&str| word.contains(|c: char| c.is_ascii_digit());

@@ -24,17 +24,17 @@ pub struct PostureRow {
     pub rps: bool,
     /// True if inertial sensors were fitted.
     pub imu: bool,
-    /// Fusion.
+    /// Name of the fusion.
     pub fusion: &'static str,
-    /// Distance of O from the goal.
+    /// Distance of O from the goal, m.
     pub e_m: Summary,
     /// Distance of O from the goal, 95th percentile of the trials, m.
     pub e_95_m: f64,
-    /// Heading error of O.
+    /// Heading error of O, rad.
     pub heading_rad: Summary,
-    /// θ of the paper: direction to the goal less heading of the goal.
+    /// θ of the paper: direction to the goal less heading of the goal, rad.
     pub theta_rad: Summary,
-    /// α of the paper: direction to the goal less heading of the robot.
+    /// α of the paper: direction to the goal less heading of the robot, rad.
     pub alpha_rad: Summary,
     /// Share of trials within the tolerance of the goal.
     pub within_tolerance: f64,
@@ -52,15 +52,15 @@ pub struct PostureRow {
     pub runs: Vec<RunEnd>,
     /// Trials reported as reached that were not within the tolerance of the goal.
     pub false_successes: u32,
-    /// 95 % error of the estimated position.
+    /// 95 % error of the estimated position, m.
     pub error_95_m: Summary,
-    /// 95 % error of the estimated heading.
+    /// 95 % error of the estimated heading, rad.
     pub error_95_rad: Summary,
-    /// Error of the estimated position of the front axle in the frame of the rear axle.
+    /// Error of the estimated position of the front axle in the frame of the rear axle, m.
     pub drift_m: Summary,
-    /// Root mean square of the frame's force in a trial.
+    /// Root mean square of the frame's force in a trial, N.
     pub force_rms_n: Summary,
-    /// Time of a trial.
+    /// Time of a trial, s.
     pub duration_s: Summary,
 }
 
@@ -140,7 +140,7 @@ pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     }
 }
 
-/// Meaning of the columns and of the ends that occur. `tolerance`: position, m, and heading, rad.
+/// Meaning of the columns and of the ends that occur. `tolerance` holds position, m, and heading, rad.
 pub fn meanings(rows: &[PostureRow], [position, heading]: [f64; 2]) -> String {
     let mut lines = vec![
         "goal: true distance from the goal at the end, mean ± standard deviation".to_owned(),

@@ -17,7 +17,7 @@ const KEPT_PATHS: usize = 200;
 /// Data of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Trial {
-    /// Result.
+    /// Outcome of the trial.
     pub outcome: Outcome,
     /// The midpoint's path, at 10 Hz.
     pub path: Vec<[f64; 2]>,

@@ -11,7 +11,7 @@ pub struct Variant {
     pub rps: bool,
     /// True if the axles carry gyroscopes and accelerometers.
     pub imu: bool,
-    /// Fusion.
+    /// Fusion of the lead node.
     pub mode: Mode,
 }
 
@@ -86,7 +86,8 @@ impl Variant {
         format!("{}, {}", self.sensors(), self.fusion())
     }
 
-    /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres decides.
+    /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres
+    /// decides it.
     pub fn is_bound(&self) -> bool {
         !self.rps && !self.imu
     }

@@ -21,7 +21,7 @@ use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
 
-/// Mission.
+/// Mission of a robot: what a run drives.
 pub enum Mission {
     /// Regulation to the goal of the scenario.
     Posture(Variant),
@@ -101,7 +101,7 @@ impl Mission {
         !matches!(self, Self::Script { placed: false, .. })
     }
 
-    /// Goal, NaN if there is none, and points of the path.
+    /// Goal, NaN if there is none, and points of the path, empty if there is none.
     pub fn goal(&self, scenario: &Scenario) -> ([f64; 3], Vec<[f64; 3]>) {
         match self {
             Self::Posture(_) => (scenario.mission.goal, Vec::new()),

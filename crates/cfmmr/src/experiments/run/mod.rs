@@ -44,7 +44,7 @@ use stage::{Driven, Outputs, Stage};
 pub struct Run<'a> {
     /// Scenario, command and output folder.
     pub context: &'a Context,
-    /// Mission.
+    /// Mission that the robot drives.
     pub mission: &'a Mission,
     /// Time limits, and failures of boards during the run.
     pub plan: Plan,
@@ -142,7 +142,7 @@ struct Boards {
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {
-    /// None: the boards run in this program.
+    /// No values: the boards run in this program.
     #[default]
     None,
     /// Values of boards in the loop.

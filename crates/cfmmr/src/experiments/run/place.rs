@@ -72,11 +72,11 @@ pub fn board_named(name: &str) -> Option<Role> {
 /// Place and settings of the boards.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// Place.
+    /// Place of the boards.
     pub place: BoardPlace,
     /// Baud rate of the serial ports.
     pub baud: u32,
-    /// Images of axle and beam board for virtual boards; `None`: images built from this checkout.
+    /// Images of axle and beam board for virtual boards; `None` for the image built from this checkout.
     pub images: [Option<PathBuf>; 2],
     /// True if virtual boards are profiled by function and interrupt.
     pub profile: bool,
