@@ -194,7 +194,7 @@ mod tests {
         assert!(board.core().register(0) > 1000);
     }
 
-    /// 16 MHz and three cycles per iteration, from 1.5 ms on.
+    /// The reset is released at 1.5 ms; the loop then takes three cycles per iteration at 16 MHz.
     #[test]
     fn core_runs_from_the_release_of_the_reset() {
         let mut board = counting();

@@ -270,7 +270,7 @@ impl Chip {
         (self.shared.now, self.shared.pc) = (cycle, pc);
     }
 
-    /// Notes an access to a peripheral that exists on the chip but is not modelled.
+    /// True for an address in a peripheral that exists on the chip and is not modelled; notes the access.
     fn is_not_modelled(&mut self, address: u32) -> bool {
         let name = map::not_modelled(address);
         if let Some(name) = name {

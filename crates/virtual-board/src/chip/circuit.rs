@@ -38,7 +38,7 @@ pub trait Circuit: Any + Copied + Send {
         let _ = (byte, at);
     }
 
-    /// Time of the circuit's next event.
+    /// Time of the circuit's next event; [`Time::NEVER`] if none is due.
     fn next(&self) -> Time {
         Time::NEVER
     }

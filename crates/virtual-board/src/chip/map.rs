@@ -10,9 +10,9 @@ use super::pin::{PORTS, Signal};
 pub(crate) enum Unit {
     /// Circuit around the chip.
     Circuit,
-    /// Oscillators, PLL.
+    /// Reset and clock control.
     Rcc,
-    /// End of an operation of the flash.
+    /// Flash; its event is the end of an operation.
     Flash,
     Iwdg,
     Wwdg,
@@ -126,7 +126,7 @@ const ADDRESS_RANGES: [AddressRange; 21] = [
     range(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
-/// Index of each peripheral's range, the last of several.
+/// Index of each peripheral's address range; of several ranges, the last.
 const RANGE_OF: [usize; Unit::COUNT] = {
     let mut ranges = [0; Unit::COUNT];
     let mut k = 0;
@@ -163,7 +163,8 @@ impl Unit {
         Some((range.unit, offset + range.unit.bias(range.first)))
     }
 
-    /// The debug unit has two ranges; the identity follows the registers.
+    /// Offset within the peripheral at which the range from `first` begins: 0 except for the identity, the second range
+    /// of the debug unit.
     fn bias(self, first: u32) -> u32 {
         if first == 0x1fff_7a10 { IDENTITY } else { 0 }
     }

@@ -150,10 +150,10 @@ pub struct Chip {
     inputs: Inputs,
     /// Pending reset.
     reset: Option<Cause>,
-    /// Lowest supply voltage since the supply fell too low, V; while set, the chip is held in reset.
+    /// Lowest supply voltage since the supply fell too low, V; the chip is held in reset until this is `None`.
     sagged: Option<f64>,
     longest_reaction: Cycles,
-    /// The clock security system requests the non-maskable interrupt.
+    /// True if the clock security system requests the non-maskable interrupt.
     nmi: bool,
     /// True if the core clock has changed since the latest call of `advance` began.
     clock_changed: bool,

@@ -219,7 +219,7 @@ fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
         bench.chip.restart(Cause::Pin, bench.cycle);
         bench.run_at_168_mhz();
         bench.write(FLASH_ACR, acr);
-        // Switching to the same clock again raises the frequency with these wait states set.
+        // The core leaves the PLL and returns, so the frequency rises with these wait states set.
         bench.write(RCC + 0x08, 0x0000_9400);
         bench.write(RCC + 0x08, 0x0000_9402);
         let (found, start) = (bench.findings(), format!("{acr} wait"));

@@ -59,7 +59,8 @@ pub(crate) struct Usart {
     flags_read: u32,
     received: u8,
     waiting: Option<u8>,
-    /// Frame on the line and the cycle of its end; without a byte: the idle frame of a transmitter just enabled.
+    /// Byte on the line and the cycle of its frame's end. The byte is `None` in the idle frame of a transmitter just
+    /// enabled.
     shift: Option<(Option<u8>, Cycles)>,
     /// Cycle at which the line counts as idle.
     idle: Cycles,

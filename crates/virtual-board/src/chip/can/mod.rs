@@ -61,11 +61,11 @@ pub(crate) struct Can {
     btr: u32,
     tec: u8,
     rec: u8,
-    /// Acknowledged mode, and the requested one.
+    /// Acknowledged mode, and the mode to which the controller is changing.
     mode: Mode,
     target: Mode,
     mailboxes: [Mailbox; 3],
-    /// Mailbox being transmitted, according to the latest event.
+    /// Mailbox being transmitted according to the latest event; `None` if no transmission is in progress.
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,

@@ -58,7 +58,7 @@ const SLOWEST_HZ: u64 = 1_000_000;
 /// Operation in progress; takes effect at its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Operation {
-    /// Programs a value at a place in the main memory; `clears` are the bits that become zero.
+    /// Programs at the offset `place` of the main memory; `clears` are the bits that become zero.
     Program {
         place: usize,
         width: Width,
@@ -71,9 +71,9 @@ enum Operation {
 /// Operation that the program has begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashOperation {
-    /// Start time.
+    /// Start time of the operation.
     pub at: Time,
-    /// Duration.
+    /// Duration of the operation, without interruption.
     pub takes: Time,
     /// True for an erase, false for programming.
     pub erases: bool,

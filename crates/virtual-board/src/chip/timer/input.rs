@@ -52,9 +52,9 @@ pub(super) struct Input {
     raw: bool,
     /// Level behind the filter.
     pub level: bool,
-    /// Cycle at which the filter passes the new level.
+    /// Cycle at which the filter passes the new level; `None` if the filter does not run.
     pub due: Option<Cycles>,
-    /// Cycle at which the pin returned to the old level meanwhile.
+    /// Latest cycle at which the pin returned to the filtered level.
     back: Cycles,
 }
 

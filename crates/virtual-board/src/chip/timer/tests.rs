@@ -235,8 +235,9 @@ fn reload_value_changed_at_the_overflow_is_the_start_of_the_down_count() {
 
 #[test]
 fn compare_flags_follow_the_centre_aligned_mode() {
-    // Times of the compare flag, as in the manual's figure. Compare value 40: on the way down, up, or both. 0 and 100:
-    // always. 120, beyond the reload value: at the overflow.
+    // Times of the compare flag, as in the manual's figure. At compare value 40, CMS selects whether the flag is set
+    // while counting down, up, or both. At 0 and 100 each mode sets the flag; at 120, beyond the reload value, the
+    // overflow does.
     for (cms, at_40) in [(1, vec![160]), (2, vec![40]), (3, vec![40, 160])] {
         for (compare, times) in [
             (40, at_40.clone()),
@@ -395,7 +396,7 @@ fn halted_or_gated_timer_stops() {
 #[test]
 fn halted_tim1_has_its_outputs_off() {
     let mut bench = TimerBench::new(TimerId::Tim1);
-    // Channel 1 is always active.
+    // The output of channel 1 is always high: the counter stays below the compare value.
     bench.write(&[
         (CCR1, 0xffff),
         (CCMR1, 0x60),
@@ -439,7 +440,7 @@ fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
     assert_eq!(bench.pass(4000).read(CNT), 2);
     bench.input(A, false).pass(5000).input(B, false);
     assert_eq!(bench.pass(6000).read(CNT), 4);
-    // Backward, below zero.
+    // The encoder turns backward, so the count passes below zero.
     let backward = [(B, true), (A, true), (B, false), (A, false)];
     for (k, &(signal, level)) in backward.iter().cycle().take(6).enumerate() {
         bench.input(signal, level).pass(7000 + 1000 * k as u64);
