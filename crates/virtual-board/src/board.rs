@@ -14,13 +14,13 @@ pub struct Reset {
     pub cause: Cause,
 }
 
-/// A board.
+/// A board: core, chip and circuit, run to given times.
 #[derive(Clone)]
 pub struct Board {
     core: Core,
     chip: Chip,
     powered: bool,
-    /// True if the core has locked up: it executes nothing until a reset.
+    /// True if the core has locked up since the latest reset.
     locked: bool,
     resets: Vec<Reset>,
     now: Time,

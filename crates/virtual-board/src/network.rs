@@ -16,7 +16,7 @@ const TRY_AGAIN: u32 = 200;
 /// Boards and their bus.
 pub struct Network {
     boards: Vec<Box<Board>>,
-    /// Created at the first run on several threads.
+    /// Threads that run the boards; `None` until the first run on several threads.
     workers: Option<Workers>,
     /// Nodes without a board.
     others: Vec<VirtualNode>,
@@ -112,7 +112,7 @@ impl Network {
         self.boards.iter_mut().map(|board| &mut **board)
     }
 
-    /// A board by its index.
+    /// A board by its index; `None` if there is no such board.
     pub fn board(&mut self, place: usize) -> Option<&mut Board> {
         self.boards.get_mut(place).map(|board| &mut **board)
     }

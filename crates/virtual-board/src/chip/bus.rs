@@ -129,8 +129,8 @@ impl Chip {
         Ok(())
     }
 
-    /// Checks an access; true if it takes effect. False also once the supply has failed: the core is then held in reset
-    /// and receives no answer.
+    /// Checks an access; true if the access takes effect. After a failure of the supply the result is false: the core
+    /// is held in reset and receives no answer.
     fn check_access(
         &mut self,
         unit: Unit,

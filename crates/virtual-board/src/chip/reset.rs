@@ -17,8 +17,7 @@ impl Chip {
         self.begin(cause);
     }
 
-    /// Switches the power off: all pins are released, memories lose their content, and a flash operation is
-    /// interrupted.
+    /// Switches the power off: all pins are released, the RAM loses its content, and a flash operation is interrupted.
     pub fn power_off(&mut self, cycle: Cycles) {
         self.scramble();
         self.restart(Cause::PowerOn, cycle);
@@ -84,7 +83,7 @@ impl Chip {
         self.settle();
     }
 
-    /// Fills the memories with the pseudo-random content after power-on, on which no program may rely.
+    /// Fills the RAM with pseudo-random content, as after a power-on. No program may rely on this content.
     pub(super) fn scramble(&mut self) {
         self.scrambles += 1;
         let mut random = Random::new(self.shared.variation.seed ^ self.scrambles << 48);

@@ -289,7 +289,7 @@ fn brown_out_releases_the_pins_until_the_supply_recovers() {
     assert_eq!((bench.causes(), bench.read(SRAM)), (0x0e, 0x1234_5678));
 }
 
-/// The supply fails just before an access of an instruction that began earlier.
+/// The supply fails after the start of an instruction and before the instruction's access.
 #[test]
 fn access_after_a_brown_out_is_no_finding() {
     let mut bench = ChipBench::new(&[(10_000, Change::Supply(1.6))]);
@@ -371,7 +371,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
             .map(|(kind, text)| (kind, text.to_owned()))
             .collect::<Vec<_>>()
     };
-    // Nine instructions between the two accesses are not a sufficient delay.
+    // Nine cycles between enabling the clock and the access are within the margin.
     let found = early(9, false);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0].0, FindingKind::Forbidden);

@@ -182,7 +182,7 @@ pub(super) enum Op {
     MovReg,
     MovRegS,
     MovTop,
-    /// d = n + imm, also for subtractions.
+    /// d = n + imm; a subtraction has a negated `imm`.
     AddImm,
     AddImmS,
     SubImmS,

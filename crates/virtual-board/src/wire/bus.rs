@@ -19,7 +19,7 @@ pub enum Level {
 /// Faults of the wire and the transceivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The bus is stuck at this level; `None`: not stuck.
+    /// Level at which the bus is stuck; `None` ends the fault.
     Level(Option<Level>),
     /// State of a node's transceiver.
     Transceiver {
@@ -52,7 +52,7 @@ pub struct Record {
     pub start: Time,
     /// Sample point of the last bit, or of the bit in which the error was detected.
     pub end: Time,
-    /// Error that ended the transmission.
+    /// Error that ended the transmission; `None` if the frame was acknowledged.
     pub error: Option<ErrorKind>,
 }
 
@@ -60,9 +60,10 @@ pub struct Record {
 ///
 /// # Causality
 ///
-/// Each board runs alone for at most `quantum`, then the wire follows with [`Wire::advance`] and knows when each
-/// mailbox was requested. A frame that began before is simulated for one more quantum. Its end is at least 44 bits
-/// after its start, so the boards receive the end in time. Consequences, for a quantum of up to 42 bits:
+/// Each board runs alone for at most `quantum`, then the wire follows with [`Wire::advance`] and has all requests of
+/// mailboxes up to that time. A frame that is on the bus then is simulated for one more quantum. The end of a frame is
+/// at least 44 bits after its start, so the boards receive the end in time. Consequences, for a quantum of up to 42
+/// bits:
 ///
 /// - Exact: starts of frames, the winner of arbitration, ends of transmission and reception.
 /// - Delivered up to a quantum late, with the exact time: starts of frames, lost arbitrations, errors in the first

@@ -132,7 +132,7 @@ pub enum EventKind {
     },
     /// An error was detected.
     Error(ErrorKind),
-    /// The error counters changed for another reason.
+    /// The error counters rose without a newly detected error.
     Counted,
     /// Bus-off: too many errors.
     Off,

@@ -98,7 +98,7 @@ impl Receiver {
             13 => self.extended = bit,
             14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
             32 if self.extended => self.remote = bit,
-            // Checksum.
+            // The bits of the checksum carry no data.
             n if self.total.is_some_and(|total| n >= total - 15) => {}
             n if n >= head => self.data = self.data << 1 | u64::from(bit),
             n if n >= head - 4 => {

@@ -102,7 +102,7 @@ pub(crate) struct Flash {
     busy_until: Time,
     changed: Option<(u32, u32)>,
     begun: Vec<FlashOperation>,
-    /// Number of operations interrupted by a reset.
+    /// Number of operations interrupted by a reset or a power cut; varies the random content.
     cuts: u64,
 }
 

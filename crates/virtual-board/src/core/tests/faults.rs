@@ -36,7 +36,7 @@ fn usage_fault_status_shows_the_reason() {
         (&[0xee30, 0x0a00], 1 << 19),
         // mrc p15, 0, r0, c0, c0, 0
         (&[0xee10, 0x0f10], 1 << 19),
-        // ldm r0, {r1, r2} from an odd address
+        // ldm r0, {r1, r2}; r0 is not a multiple of 4, here and below
         (&[0xe890, 0x0006], 1 << 24),
         // ldrd r1, r2, [r0]
         (&[0xe9d0, 0x1200], 1 << 24),

@@ -2,7 +2,7 @@ use super::*;
 
 const MS: u64 = 1_000_000_000;
 
-/// A quadrature decoder that sees only the levels.
+/// A quadrature decoder that reads only the levels.
 #[derive(Default)]
 struct Decoder {
     last: (bool, bool),
@@ -108,7 +108,7 @@ fn steady_motion_in_pieces_repeats_no_edge() {
 
 #[test]
 fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
-    // A wheel that turns for 0.1 s: true count and decoded count.
+    // True count and decoded count of a wheel that turns for 0.1 s.
     let turned = |set: &dyn Fn(&mut EncoderFault)| {
         let mut encoder = Encoder::new(EncoderConfig::default());
         let mut fault = EncoderFault::default();
@@ -120,7 +120,7 @@ fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
         decoder.run(&mut encoder, Time(100 * MS));
         (encoder.count(), decoder.count)
     };
-    // The decoder sees only B, so its count stays near 0.
+    // Only B changes, so the decoder counts up and down by 1.
     let (count, decoded) = turned(&|fault| fault.stuck_a = Some(true));
     assert!(decoded.abs() <= 2 && count > 100);
     let (count, decoded) = turned(&|fault| fault.swapped = true);
