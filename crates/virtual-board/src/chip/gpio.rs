@@ -71,7 +71,7 @@ impl Port {
     }
 }
 
-/// Level of a pin driven by chip and circuit; `None` if it floats.
+/// Level of a pin driven by chip and circuit; `None` if the pin floats.
 fn combined_level(chip: Drive, circuit: Drive) -> Option<bool> {
     match (chip, circuit) {
         (Drive::Low, _) | (_, Drive::Low) => Some(false),

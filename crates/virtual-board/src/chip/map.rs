@@ -61,7 +61,7 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x1fff_7800, 0x1fff_7a0f, "one-time programmable memory"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
-/// Name of the peripheral at an address if it exists on the chip but is not modelled.
+/// Name of the peripheral at an address that exists on the chip and is not modelled; `None` for other addresses.
 pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
     let found = NOT_MODELLED
         .iter()
@@ -155,7 +155,8 @@ impl Unit {
         self as usize - Self::Tim1 as usize
     }
 
-    /// Peripheral at an address, and the offset within it.
+    /// Peripheral at an address, and the offset of the address in the peripheral; `None` if no modelled peripheral is
+    /// there.
     pub fn at(address: u32) -> Option<(Self, u32)> {
         let k = ADDRESS_RANGES.partition_point(|range| range.last < address);
         let range = ADDRESS_RANGES.get(k)?;
@@ -183,7 +184,7 @@ impl Unit {
         }
     }
 
-    /// Register and bit of the RCC that enable the peripheral's clock.
+    /// Register and bit of the RCC that enable the peripheral's clock; `None` if its clock is always on.
     pub fn gate(self, offset: u32) -> Option<(u32, u32)> {
         match self {
             Self::Gpio => Some((AHB1ENR, offset / PORT)),
@@ -191,7 +192,8 @@ impl Unit {
         }
     }
 
-    /// Peripheral whose clock this bit of an enable register enables; the same bit of the reset register resets it.
+    /// Peripheral whose clock this bit of an enable register enables; `None` if not modelled. The same bit of the reset
+    /// register resets the peripheral.
     pub fn reset_by(register: u32, bit: u32) -> Option<Self> {
         if register == AHB1ENR && (bit as usize) < PORTS {
             return Some(Self::Gpio);

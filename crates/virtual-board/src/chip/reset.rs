@@ -68,7 +68,7 @@ impl Chip {
         self.sagged.is_some() || self.units.rcc.is_held()
     }
 
-    /// Halts the core by a debugger at this cycle, or resumes it; the peripherals selected in DBGMCU stop.
+    /// Stops the peripherals selected in DBGMCU while a debugger halts the core, or resumes them, at this cycle.
     pub fn halt(&mut self, halted: bool, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         if !halted || self.units.debug.stops_watchdog() {

@@ -125,7 +125,7 @@ impl ChipBench {
         self.cycle = until;
     }
 
-    /// Advances by `micros` µs, through resets; returns the latest reset cause.
+    /// Advances by `micros` µs, through resets. Returns the cause of the latest reset; `None` without a reset.
     fn pass(&mut self, micros: u64) -> Option<Cause> {
         let end = self.chip.time_of(self.cycle) + Time::from_micros(micros);
         let mut latest = None;
@@ -462,7 +462,7 @@ fn crystal_failure_clears_moe_of_tim1_if_break_is_enabled() {
     const TIM1: u32 = 0x4001_0000;
     const BKE: u32 = 1 << 12;
     const MOE: u32 = 1 << 15;
-    // The input is not connected: with this polarity it is inactive.
+    // The break input is not connected; with this polarity a low input is inactive.
     const BKP: u32 = 1 << 13;
     for (bdtr, goes_on) in [(MOE | BKP, true), (MOE | BKP | BKE, false)] {
         let mut bench = ChipBench::new(&[(10_000, Change::Crystal(false))]);

@@ -15,7 +15,7 @@ pub(super) struct Dwt {
     value: u32,
     from: Cycles,
     comparators: [u32; 16],
-    /// DEMCR.TRCENA.
+    /// DEMCR.TRCENA: true if the unit is enabled.
     pub(super) enabled: bool,
 }
 

@@ -130,8 +130,8 @@ impl Core {
         self.enter(system, number::HARD_FAULT);
     }
 
-    /// Takes an exception caused by the program itself, at once. The exception escalates to a hard fault if it is
-    /// disabled or its priority is too low.
+    /// Takes an exception caused by the program itself, at once. An exception that is disabled or whose priority is too
+    /// low becomes a hard fault; if no hard fault can be taken, the core locks up.
     pub(super) fn raise(&mut self, system: &mut impl System, exception: u16) {
         let exception = match self.escalated(exception) {
             Some(exception) => exception,

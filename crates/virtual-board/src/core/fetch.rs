@@ -28,7 +28,7 @@ impl Cached {
 }
 
 impl Core {
-    /// Instruction at an address, without its cycles; `None` if it cannot be read.
+    /// Instruction at an address, without its cycles; `None` if the address cannot be read.
     fn decode_raw(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let first = system.fetch(pc).ok()?;
         if !decode32::is_wide(first) {
@@ -39,7 +39,8 @@ impl Core {
         Some((insn, [first, second]))
     }
 
-    /// Instruction at an address with its cycles, which depend on the next instruction and on the branch target.
+    /// Instruction at an address with its cycles, which depend on the next instruction and on the branch target; `None`
+    /// if the address cannot be read.
     fn decode(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let (mut insn, halves) = Self::decode_raw(system, pc)?;
         let next = pc.wrapping_add(u32::from(insn.size));

@@ -154,7 +154,7 @@ fn quiet(bits: u32, status: &mut u32) -> u32 {
     }
 }
 
-/// NaN result for NaN operands: the first signalling NaN, else the first NaN.
+/// NaN result for NaN operands: the first signalling NaN, else the first NaN; `None` if no operand is NaN.
 fn propagate(values: &[Value], status: &mut u32) -> Option<u32> {
     let nans = || {
         values.iter().filter_map(|value| match value {

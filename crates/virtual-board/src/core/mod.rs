@@ -156,9 +156,9 @@ pub struct Core {
     other_sp: u32,
     /// True if thread mode uses the process stack (CONTROL.SPSEL).
     process_stack: bool,
-    /// CONTROL.nPRIV.
+    /// CONTROL.nPRIV: true if thread mode is unprivileged.
     user_thread: bool,
-    /// CONTROL.FPCA.
+    /// CONTROL.FPCA: true if the present context uses floating point.
     fp_active: bool,
     thumb: bool,
     ipsr: u16,

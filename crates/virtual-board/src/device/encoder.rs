@@ -41,7 +41,7 @@ pub struct EncoderFault {
     pub stuck_a: Option<bool>,
     /// Level at which B is stuck; `None` if B works.
     pub stuck_b: Option<bool>,
-    /// The two lines are swapped.
+    /// True if the two lines are swapped.
     pub swapped: bool,
 }
 

@@ -31,7 +31,7 @@ pub(crate) struct Receiver {
     last: bool,
     /// Bits so far, without stuff bits.
     count: u16,
-    /// Bits up to the end of the checksum, without stuff bits; known once the length code has arrived.
+    /// Bits up to the end of the checksum, without stuff bits; `None` until the length code has arrived.
     total: Option<u16>,
     crc: u16,
     identifier: u32,

@@ -1,6 +1,6 @@
 //! Filter banks: which frames go into which FIFO (RM0090, "Identifier filtering").
 //!
-//! Not modelled: identifier lists and 16-bit filters; using one is a finding.
+//! Not modelled: identifier lists and 16-bit filters; the use of these is a finding.
 
 use crate::wire::{Frame, Id};
 
@@ -61,7 +61,7 @@ impl Filters {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
 
-    /// Destination of a frame, from the first matching bank.
+    /// Destination of a frame, from the first matching bank; `None` if no bank matches.
     pub fn find(&self, frame: &Frame) -> Option<Match> {
         if self.fmr & FINIT != 0 {
             return None;

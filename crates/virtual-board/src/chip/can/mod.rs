@@ -170,8 +170,8 @@ impl Can {
         }
     }
 
-    /// Starts a change of mode. Leaving the bus waits until the present transmission or reception has ended; joining it
-    /// takes eleven recessive bits. All other changes are immediate.
+    /// Starts a change of mode. Leaving the bus waits until the present transmission or reception has ended; joining
+    /// the bus takes eleven recessive bits. All other changes are immediate.
     fn go(&mut self, target: Mode, shared: &mut Shared) {
         self.target = target;
         self.events

@@ -188,7 +188,7 @@ impl Flash {
         Some(super::bus::get(&self.bytes, at, width))
     }
 
-    /// Value of a load by the program; advances `cycle` by the time of the access.
+    /// Value of a load by the program; `None` if the address is elsewhere. Advances `cycle` by the time of the access.
     #[inline]
     pub fn load(&mut self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
         let place = layout::main(at.address)?;
@@ -355,7 +355,7 @@ impl Flash {
         }
     }
 
-    /// First and last address of the bytes changed since the last call.
+    /// First and last address of the bytes changed since the last call; `None` without a change.
     #[inline]
     pub fn take_changed(&mut self) -> Option<(u32, u32)> {
         self.changed.take()

@@ -78,7 +78,7 @@ const BDRST: u32 = 1 << 16;
 #[derive(Clone, Copy, Debug, Default)]
 struct Oscillator {
     ready: bool,
-    /// Time at which the oscillator becomes ready.
+    /// Time at which the oscillator becomes ready; `None` if it is not starting.
     due: Option<Time>,
 }
 
@@ -114,7 +114,7 @@ pub(crate) struct Rcc {
     clocks: Clocks,
     /// True if the core clock has failed.
     stalled: bool,
-    /// Time at which the reset is released.
+    /// Time at which the reset is released; `None` after the release.
     release: Option<Time>,
 }
 

@@ -43,9 +43,9 @@ struct Channel {
     /// Active compare value.
     compare: u32,
     mode: Mode,
-    /// OCxREF.
+    /// Level of OCxREF.
     reference: bool,
-    /// Latest result of the PWM comparison.
+    /// Latest result of the PWM comparison, see [`output::is_inside`].
     inside: bool,
     /// Drive of the pin by the output.
     drive: Drive,

@@ -100,7 +100,7 @@ pub(crate) struct Controller {
     pub dominant: bool,
     /// Events at the latest sample.
     pub events: Vec<EventKind>,
-    /// Result of a transmission that has ended.
+    /// Transmission that ended at the latest sample, for the wire to take; `None` otherwise.
     pub ended: Option<Ended>,
     pub statistics: Statistics,
 }

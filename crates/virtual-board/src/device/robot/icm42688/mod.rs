@@ -83,9 +83,9 @@ pub struct Motion {
 pub struct InertialFault {
     /// Level at which the output line is stuck; `None` if the line works.
     pub stuck_output: Option<bool>,
-    /// The data registers are frozen; everything else works.
+    /// True if the data registers are frozen; everything else works.
     pub frozen: bool,
-    /// The data-ready bit stays clear.
+    /// True if the data-ready bit stays clear.
     pub no_data_ready: bool,
 }
 
