@@ -64,7 +64,7 @@ impl Board {
         }
     }
 
-    /// The core.
+    /// The core, to read registers and counters.
     pub fn core(&self) -> &Core {
         &self.core
     }

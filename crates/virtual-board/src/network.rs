@@ -1,8 +1,9 @@
 //! Boards on one CAN bus, in lockstep.
 //!
-//! Each board runs alone for a quantum of time; then the wire transfers what the boards sent. With a quantum of up to 42
-//! bits, less than the shortest frame, the effects of a frame on a board are in that board's future and occur at their
-//! exact times (exceptions: see [`Wire`]). Boards may run on several threads; the result is identical to the last bit.
+//! Each board runs alone for a quantum of time; then the wire transfers what the boards sent. With a quantum of up to
+//! 42 bits, less than the shortest frame, the effects of a frame on a board are in that board's future and occur at
+//! their exact times (exceptions: see [`Wire`]). Boards may run on several threads; the result is identical to the last
+//! bit.
 
 use crate::board::Board;
 use crate::time::Time;

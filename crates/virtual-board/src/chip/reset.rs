@@ -10,8 +10,8 @@ use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 
 impl Chip {
-    /// Restarts after a reset at this cycle: peripherals in their reset state, memories unchanged. The core may still
-    /// be held, see [`Self::is_held`].
+    /// Restarts after a reset at this cycle: peripherals are in their reset state, memories unchanged except by an
+    /// interrupted flash operation. The core may still be held, see [`Self::is_held`].
     pub fn restart(&mut self, cause: Cause, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         self.begin(cause);

@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 const CATCH_UP: Time = Time::from_nanos(100);
 
 characteristics! {
-    /// An encoder.
+    /// Characteristics of an encoder.
     pub struct EncoderConfig {
         /// Lines of the code disc, each with four counts. Default 2048.
         pub lines: u32 = 2048;
@@ -114,7 +114,7 @@ impl Encoder {
         self.glitches.push_back(Glitch { line, from, to });
     }
 
-    /// Count from angle 0 of the disc, as a perfect counter would have it.
+    /// True count from wheel angle 0, regardless of faults and glitches.
     pub fn count(&self) -> i64 {
         self.count
     }

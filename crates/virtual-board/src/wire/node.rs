@@ -76,7 +76,7 @@ impl Settings {
 /// Action of a node, delivered to the wire after the quantum in which it occurred.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
-    /// Reset: the controller leaves the bus at once and loses all state.
+    /// Reset: the controller leaves the bus at once and loses all state except the statistics.
     Reset,
     /// Changes the settings. A controller that leaves the bus completes the present frame; a controller that joins
     /// waits for eleven recessive bits.

@@ -75,7 +75,7 @@ impl WireBench {
         frames.collect()
     }
 
-    /// Forces the bus dominant for some time.
+    /// Forces the bus dominant for `span` from `from` on.
     fn disturb(&mut self, from: Time, span: Time) {
         let dominant = Fault::Level(Some(Level::Dominant));
         self.wire.inject(from, dominant);

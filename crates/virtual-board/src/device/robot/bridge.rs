@@ -162,7 +162,7 @@ impl Bridge {
 /// e^(−x); by its series for small x, the usual case between two conversions.
 fn decay(x: f64) -> f64 {
     if x < 0.03 {
-        // The next term is below 10⁻¹².
+        // The next term, x⁶/720, is at most 1.1·10⁻¹².
         1.0 - x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0))))
     } else {
         libm::exp(-x)
