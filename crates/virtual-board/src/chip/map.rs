@@ -174,7 +174,7 @@ impl Unit {
         &ADDRESS_RANGES[RANGE_OF[self as usize]]
     }
 
-    /// Name of the peripheral; a port's includes its letter.
+    /// Name of the peripheral; the name of a port includes its letter.
     pub fn name_at(self, offset: u32) -> String {
         match self {
             Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),

@@ -62,7 +62,7 @@ struct Shift {
 pub(crate) struct Spi {
     cr1: u32,
     cr2: u32,
-    /// RXNE, OVR, MODF.
+    /// Flags RXNE, OVR, MODF.
     sr: u32,
     /// True if the data register was read while OVR was set; a read of SR then clears OVR.
     overrun_read: bool,

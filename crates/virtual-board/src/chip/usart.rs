@@ -48,7 +48,7 @@ const REGISTERS: [Register; 7] = [
 /// The asynchronous serial interface.
 #[derive(Clone, Default)]
 pub(crate) struct Usart {
-    /// IDLE, ORE, RXNE, TC.
+    /// Flags IDLE, ORE, RXNE, TC.
     sr: u32,
     brr: u32,
     cr1: u32,

@@ -78,7 +78,7 @@ pub struct Wire {
     pub(super) drivers: Vec<u16>,
     pub(super) forced: Option<Level>,
     pub(super) noise: Noise,
-    /// Delay from a controller's output to all inputs: twice that of a transceiver, plus the wire.
+    /// Delay from a controller's output to all inputs: two transceivers and the wire.
     pub(super) delay: Time,
     quantum: Time,
     now: Time,
@@ -167,7 +167,7 @@ impl Wire {
         }
     }
 
-    /// Takes the actions of the nodes.
+    /// Takes the actions of the nodes. An abort removes requests of its mailbox that are not applied yet.
     fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
         for (i, (node, can_node)) in nodes.iter_mut().zip(&mut self.can_nodes).enumerate() {
             while let Some((at, action)) = node.take_action() {

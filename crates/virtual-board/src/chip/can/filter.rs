@@ -61,7 +61,7 @@ impl Filters {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
 
-    /// Destination of a frame, from the first matching bank; `None` if no bank matches.
+    /// Destination of a frame, from the first matching bank; `None` if no bank matches, or in initialisation mode.
     pub fn find(&self, frame: &Frame) -> Option<Match> {
         if self.fmr & FINIT != 0 {
             return None;

@@ -14,9 +14,9 @@ const IDE: u32 = 1 << 2;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
-    /// TIxR, TDTxR, TDLxR, TDHxR.
+    /// Registers TIxR, TDTxR, TDLxR, TDHxR.
     pub words: [u32; 4],
-    /// RQCP, TXOK, ALST, TERR, ABRQ.
+    /// Flags RQCP, TXOK, ALST, TERR, ABRQ.
     pub flags: u32,
 }
 

@@ -53,10 +53,10 @@ enum Mode {
 #[derive(Clone, Default)]
 pub(crate) struct Can {
     mcr: u32,
-    /// ERRI, SLAKI.
+    /// Flags ERRI, SLAKI.
     msr: u32,
     ier: u32,
-    /// Flags and the last error code.
+    /// Flags of ESR and the last error code.
     esr: u32,
     btr: u32,
     tec: u8,

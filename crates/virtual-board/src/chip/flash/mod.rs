@@ -2,8 +2,8 @@
 //!
 //! Source: reference manual RM0090, chapter 3; times are the typical values of the data sheet. Erasing sets bits,
 //! programming clears them. While an operation runs, the core stalls at its next fetch or load from the flash, cached
-//! or not. A reset during an operation leaves unreliable content: random bits of the programmed word; bytes of the
-//! sector that are old, erased or in between.
+//! or not. A reset during an operation leaves unreliable content: some of the bits to be programmed are zero; each byte
+//! of an interrupted erase is old, erased, partly erased or random.
 //!
 //! An instruction cache that is not reset after an erase has no effect here; a data cache returns the old bytes. The
 //! option bytes are those of a new chip, except the brown-out level, which comes from

@@ -10,7 +10,7 @@
 //! Not modelled: clock outputs MCO, PLLI2S, an external clock instead of the crystal (HSEBYP), the low-speed crystal,
 //! spread spectrum, trimming of the internal oscillator; enabling one is a finding. Clock enables for sleep mode are
 //! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs at least two
-//! cycles (errata sheet, 2.1.13), so an earlier access is a finding (see `enabled.rs`).
+//! cycles (errata sheet, 2.1.13), so an early access without a DSB is a finding (see `enabled.rs`).
 
 mod tree;
 

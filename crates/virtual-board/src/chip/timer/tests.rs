@@ -203,7 +203,7 @@ fn centre_aligned_pulses_are_centred_on_the_underflow() {
 
 #[test]
 fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
-    // RCR was loaded by an update before the start: an odd number ends at the underflow.
+    // An update loaded RCR before the start: with an odd RCR, update events occur only at underflows.
     for (repetition, updates) in [
         (1, vec![200, 400, 600, 800]),
         (2, vec![300, 600, 900]),
@@ -214,7 +214,7 @@ fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
         let expected: Vec<_> = updates.iter().map(|at| at + START).collect();
         assert_eq!(bench.times(TRGO1), expected, "{repetition}");
     }
-    // RCR was written before the start and not loaded: "update at the overflow" in the manual.
+    // RCR was written before the start, without an update that loads it: by the manual, updates occur at overflows.
     let mut bench = centred(1, 0);
     bench.write(&[(RCR, 1)]).pass(START + 600);
     assert_eq!(bench.times(TRGO1), [101, 301, 501]);

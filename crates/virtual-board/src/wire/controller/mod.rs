@@ -278,7 +278,7 @@ impl Controller {
         Some(self.pending.swap_remove(place))
     }
 
-    /// Samples a bit; afterwards [`Self::dominant`] is the level for the next bit.
+    /// Samples a bit; afterwards [`Self::dominant`] is true if the controller drives dominant in the next bit.
     pub fn sample(&mut self, dominant: bool, now: Time) {
         let drove = std::mem::take(&mut self.dominant);
         match self.state {
