@@ -332,7 +332,7 @@ pub(super) struct Insn {
 }
 
 impl Insn {
-    /// Not decoded yet.
+    /// Entry of the table for an instruction that is not decoded yet.
     pub(super) const EMPTY: Self = Self {
         op: Op::Empty,
         cycles: 0,

@@ -101,7 +101,8 @@ pub trait System {
     /// First and last address of code that changed since the last call, `None` without a change; the core discards the
     /// decoded instructions of this range.
     fn take_changed_code(&mut self) -> Option<(u32, u32)>;
-    /// True if the core must stop at once, because the chip is to be reset; called after [`Self::advance`].
+    /// True if the core must stop at once, for a reset, a failed supply or a change of the clock; called after
+    /// [`Self::advance`].
     fn must_stop(&self) -> bool {
         false
     }

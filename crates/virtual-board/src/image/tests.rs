@@ -308,8 +308,8 @@ fn image_for_another_chip_is_rejected() {
         builder.segments[0].2[at..at + 4].copy_from_slice(&value.to_le_bytes());
         error(builder.build())
     };
-    // The stack pointer is beyond the SRAM (192 KiB) or in no memory; the reset vector is in Arm state or outside the
-    // image.
+    // The stack pointer is that of a chip with 192 KiB of contiguous memory, or in no memory; the reset vector is in
+    // Arm state or outside the image.
     for (at, value, text) in [
         (0, 0x2003_0000, "the initial stack pointer is 0x20030000"),
         (0, 0x0000_0000, "the initial stack pointer is 0x00000000"),

@@ -221,7 +221,7 @@ fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
     };
     assert_eq!(bad.error, Some(ErrorKind::BitRecessive));
     assert_eq!(good.error, None);
-    // Error frame and intermission: 17 to 23 bits from the error to the next start of frame.
+    // Flags, delimiter and intermission are 17 to 23 bits, between the bit with the error and the next start of frame.
     let bits = (good.start - bad.end).0 as f64 / BIT as f64;
     assert!((17.0..=24.5).contains(&bits), "{bits}");
     let counters: Vec<_> = (0..3)

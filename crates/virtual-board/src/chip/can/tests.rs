@@ -31,7 +31,7 @@ impl Board {
         // One filter that passes all frames to FIFO 0.
         board.write(&[(FMR, 0x2a1c_0e01), (0x20c, 1)]);
         board.write(&[(0x21c, 1), (FMR, 0x2a1c_0e00)]);
-        // 42 MHz / 6 / 7 time quanta.
+        // 42 MHz / 6 / 7 time quanta: 1 Mbit/s.
         board.write(&[(BTR, 4 << 16 | 5)]);
         board
     }

@@ -164,7 +164,7 @@ fn fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     assert_eq!(machine.private(HFSR), 0);
     // The stack pointer is at the start of the frame that could not be stored.
     assert_eq!(machine.r(13), 0x2000_0010u32.wrapping_sub(32));
-    // Same with the MPU: both the store and the frame violate the guard region.
+    // With the MPU, both the store and the frame violate the guard region.
     let mut machine = enabled(&[0x6001]).register(0, LOG + 0x104);
     machine.core.set_register(13, LOG + 0x120);
     guard(&mut machine, LOG + 0x100);
