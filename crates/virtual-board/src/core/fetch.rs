@@ -70,7 +70,7 @@ impl Core {
         Ok(())
     }
 
-    /// Instruction beyond the present table of decoded flash.
+    /// Instruction outside of the flash; [`Insn::EMPTY`] for flash beyond the table of decoded instructions.
     #[inline(never)]
     pub(super) fn fetch_elsewhere(&mut self, system: &mut impl System, pc: u32) -> Done<Insn> {
         if pc.wrapping_sub(FLASH) >> 1 < FLASH_HALVES {

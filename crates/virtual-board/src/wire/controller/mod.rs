@@ -430,7 +430,7 @@ impl Controller {
         }
     }
 
-    /// Returns the mailbox to the queue after an error or a lost arbitration.
+    /// Returns the mailbox to the queue after an error or a lost arbitration, unless it was aborted.
     fn failed(&mut self, error: Option<ErrorKind>) {
         let Some((pending, _)) = self.sending.take() else {
             return;
