@@ -251,8 +251,8 @@ impl Unit {
         }
     }
 
-    /// Cycles that the bus adds to an access. On APB: two periods of the bus clock, one to wait for an edge, one for
-    /// the access.
+    /// Cycles that the bus adds to an access: on APB two periods of the bus clock, one to wait for an edge and one for
+    /// the access; elsewhere one cycle.
     pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
         match self.range().first {
             0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,

@@ -151,7 +151,7 @@ impl Core {
             | u32::from(self.ipsr)
     }
 
-    /// Sets flags and IT state; the exception number is unchanged.
+    /// Sets flags, IT state and Thumb bit; the exception number is unchanged.
     pub fn set_xpsr(&mut self, value: u32) {
         self.set_apsr(value);
         self.it = it_state(value);
