@@ -18,7 +18,7 @@ const RELOAD: u64 = 0x00ff_ffff;
 /// Thousandths of a tick in 128 ns at 168 MHz.
 const MILLITICKS: u64 = 21_504;
 
-/// Destination register of a load instruction.
+/// Destination register of the load instruction at `pc`; `None` if another instruction is there.
 fn loaded(flat: &mut Flat, pc: u32) -> Option<usize> {
     let [first, second] = [pc, pc + 2].map(|at| flat.fetch(at).unwrap_or(0));
     match first {

@@ -18,7 +18,7 @@ const DATA: u32 = 0x2000_4000;
 /// Offset in the flash of the core's own code.
 const OWN: usize = 0x400;
 
-/// Sets registers and executes a case; true if it reached its end.
+/// Sets registers and executes a case; true if the case reached its end.
 fn execute(core: &mut Core, flat: &mut Flat, words: &[u32], (begin, end): (u32, u32)) -> bool {
     set_state(core, words);
     core.set_register(15, begin);

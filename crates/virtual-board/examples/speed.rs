@@ -9,7 +9,7 @@ use std::time::Instant;
 use virtual_board::core::{Core, Stop};
 use virtual_board::image::Image;
 
-/// Sums words of a table and counts down.
+/// Loop of r3 iterations that loads, sums and stores words of a table.
 const LOOP: [u16; 14] = [
     0x2000, // movs r0, #0
     0x4906, // ldr r1, [pc, #24]

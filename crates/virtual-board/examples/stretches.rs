@@ -1,11 +1,12 @@
-//! The core's side of `crates/virtual-board/oracle/stretches.py`: executes stretches of an image, `stretches IMAGE`.
+//! The core's side of `crates/virtual-board/oracle/stretches.py`: executes stretches of an image, `stretches IMAGE`. A
+//! stretch is a sequence of instructions from a given address and state.
 //!
 //! The program first writes the whole flash. The first request on standard input, in little-endian words, occurs once:
-//! number of code ranges, then start and end of each. Then batches follow: the bytes of both memories; number of
-//! stretches; and for each stretch its start address, the maximum number of instructions and its [`WORDS`] words. The
-//! answer for each stretch: number of instructions, number of those skipped by an IT block, program counter and words
-//! after the last. Then follow both memories, and one bit for each halfword of flash, set if an instruction was
-//! executed there.
+//! number of code ranges, then start and end of each. Then batches follow: the bytes of SRAM and core-coupled memory;
+//! number of stretches; and for each stretch its start address, the maximum number of instructions and its [`WORDS`]
+//! words. The answer for each stretch: number of instructions, number of instructions that an IT block skipped, program
+//! counter and words at the end. After the last stretch the answer ends with both memories, and one bit for each
+//! halfword of flash, set if an instruction was executed there.
 //!
 //! A stretch never ends within an IT block. It ends before an instruction that faults, is a supervisor call, waits, is
 //! outside the code, is an exclusive store without a load of the same address, or sets bits of BASEPRI that do not
@@ -26,7 +27,8 @@ const OWN: usize = 0xf_f000;
 struct Stretches {
     core: Core,
     flat: Flat,
-    /// For each halfword of flash: true if it is code; true if it was executed.
+    /// Two flags for each halfword of flash: `code` is true in a code range, `executed` if an instruction was executed
+    /// there.
     code: Vec<bool>,
     executed: Vec<bool>,
 }
@@ -100,8 +102,8 @@ impl Stretches {
         }
     }
 
-    /// Executes up to `max_instructions` instructions. Returns how many can be compared, how many of these were
-    /// skipped, and true if no others were executed.
+    /// Executes up to `max_instructions` instructions. Returns the number of comparable instructions, how many of them
+    /// an IT block skipped, and true if no further instruction was executed.
     fn attempt(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> ([u32; 2], bool) {
         // Masks and exclusive monitor are reset.
         restart(&mut self.core, &mut self.flat);
@@ -133,7 +135,8 @@ impl Stretches {
         (good, good[0] == max_instructions)
     }
 
-    /// Executes a stretch; effects of instructions that cannot be compared are undone.
+    /// Executes a stretch. If the first attempt executes instructions that cannot be compared, the memories are
+    /// restored and a shorter attempt follows.
     fn stretch(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> [u32; 2] {
         let before = (self.flat.sram.clone(), self.flat.ccm.clone());
         let (mut good, mut exact) = self.attempt(begin, max_instructions, words);

@@ -14,13 +14,13 @@ pub struct Reset {
     pub cause: Cause,
 }
 
-/// A board.
+/// A board: core, chip and circuit, run to given times.
 #[derive(Clone)]
 pub struct Board {
     core: Core,
     chip: Chip,
     powered: bool,
-    /// True if the core has locked up: it executes nothing until a reset.
+    /// True if the core has locked up since the latest reset.
     locked: bool,
     resets: Vec<Reset>,
     now: Time,
@@ -64,7 +64,7 @@ impl Board {
         }
     }
 
-    /// The core.
+    /// The core, to read registers and counters.
     pub fn core(&self) -> &Core {
         &self.core
     }
@@ -194,7 +194,7 @@ mod tests {
         assert!(board.core().register(0) > 1000);
     }
 
-    /// 16 MHz and three cycles per iteration, from 1.5 ms on.
+    /// The reset is released at 1.5 ms; the loop then takes three cycles per iteration at 16 MHz.
     #[test]
     fn core_runs_from_the_release_of_the_reset() {
         let mut board = counting();

@@ -1,8 +1,9 @@
 //! Boards on one CAN bus, in lockstep.
 //!
-//! Each board runs alone for a quantum of time; then the wire transfers what the boards sent. A frame takes at least 47
-//! µs. If the quantum is shorter, the effects of a frame on a board are in that board's future and occur at their exact
-//! times (exceptions: see [`Wire`]). Boards may run on several threads; the result is identical to the last bit.
+//! Each board runs alone for a quantum of time; then the wire transfers what the boards sent. With a quantum of up to
+//! 42 bits, less than the shortest frame, the effects of a frame on a board are in that board's future and occur at
+//! their exact times (exceptions: see [`Wire`]). Boards may run on several threads; the result is identical to the last
+//! bit.
 
 use crate::board::Board;
 use crate::time::Time;
@@ -16,7 +17,7 @@ const TRY_AGAIN: u32 = 200;
 /// Boards and their bus.
 pub struct Network {
     boards: Vec<Box<Board>>,
-    /// Created at the first run on several threads.
+    /// Threads that run the boards; `None` until the first run on several threads.
     workers: Option<Workers>,
     /// Nodes without a board.
     others: Vec<VirtualNode>,
@@ -112,7 +113,7 @@ impl Network {
         self.boards.iter_mut().map(|board| &mut **board)
     }
 
-    /// A board by its index.
+    /// A board by its index; `None` if there is no such board.
     pub fn board(&mut self, place: usize) -> Option<&mut Board> {
         self.boards.get_mut(place).map(|board| &mut **board)
     }

@@ -133,7 +133,7 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // The panic was reported already, or this is the panic.
+            // A panic of the worker was reported by `take`, or this drop is part of its unwinding.
             let _ = thread.join();
         }
     }

@@ -6,7 +6,8 @@ use virtual_board::core::Core;
 /// True if a program ended without an error.
 pub type Ended = bool;
 
-/// Serves a semihosting call; prints the program's output if `loud`. Returns a result at the end of the program.
+/// Serves a semihosting call; prints the program's output if `loud`. Returns the program's result when the call ends
+/// the program; `None` otherwise.
 pub fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> Option<Ended> {
     let (operation, block) = (core.register(0), core.register(1));
     let byte = |flat: &Flat, address: u32| {
@@ -37,7 +38,7 @@ pub fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> Option<Ended> {
     let result = match operation {
         1 => 1,
         4 | 5 => 0,
-        // ADP_Stopped_ApplicationExit, directly or in a block with an exit code.
+        // Reason ADP_Stopped_ApplicationExit: in r1 (operation 0x18), or in a block with an exit code (0x20).
         0x18 => return Some(block == 0x2_0026),
         0x20 => return Some(word(flat, block) == 0x2_0026 && word(flat, block + 4) == 0),
         _ => u32::MAX,

@@ -129,8 +129,8 @@ impl Chip {
         Ok(())
     }
 
-    /// Checks an access; true if it takes effect. False also once the supply has failed: the core is then held in reset
-    /// and receives no answer.
+    /// Checks an access; true if the access takes effect. After a failure of the supply the result is false: the core
+    /// is held in reset and receives no answer.
     fn check_access(
         &mut self,
         unit: Unit,
@@ -270,7 +270,7 @@ impl Chip {
         (self.shared.now, self.shared.pc) = (cycle, pc);
     }
 
-    /// Notes an access to a peripheral that exists on the chip but is not modelled.
+    /// True for an address in a peripheral that exists on the chip and is not modelled; notes the access.
     fn is_not_modelled(&mut self, address: u32) -> bool {
         let name = map::not_modelled(address);
         if let Some(name) = name {

@@ -20,8 +20,8 @@ pub trait Circuit: Any + Copied + Send {
         &[]
     }
 
-    /// Voltage at an analogue input at the end of the converter's sampling time, V: half the supply if nothing is
-    /// connected.
+    /// Voltage at an analogue input at the end of the converter's sampling time, V. Default: 1.65, half of a 3.3 V
+    /// supply.
     fn voltage(&mut self, pin: Pin, at: Time) -> f64 {
         let _ = (pin, at);
         1.65
@@ -38,7 +38,7 @@ pub trait Circuit: Any + Copied + Send {
         let _ = (byte, at);
     }
 
-    /// Time of the circuit's next event.
+    /// Time of the circuit's next event; [`Time::NEVER`] if none is due.
     fn next(&self) -> Time {
         Time::NEVER
     }

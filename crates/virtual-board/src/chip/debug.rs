@@ -1,9 +1,9 @@
 //! Debug unit and device signature.
 //!
 //! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which prefetch is
-//! allowed (the errata sheet forbids prefetch on revision A). A system reset does not change the debug unit. Freezing
-//! by a debugger's halt is modelled for the watchdogs and the modelled timers. A request to freeze another peripheral,
-//! or for trace pins, is a finding.
+//! allowed (the errata sheet forbids prefetch on revision A). A system reset does not change the debug unit. The
+//! watchdogs and TIM1 to TIM5 can be frozen while a debugger halts the core. A request to freeze another peripheral, or
+//! for trace pins, is a finding.
 
 use super::Peripheral;
 use super::chip_variation::Random;

@@ -6,7 +6,8 @@
 
 use crate::time::Cycles;
 
-/// Cycles; exceeds each of these delays and the distance of two adjacent source lines in compiled code.
+/// Cycles after enabling in which an access without a DSB is a finding. The margin exceeds each delay of the errata
+/// sheet, and the time between two adjacent source lines in compiled code.
 const MARGIN: Cycles = 32;
 
 /// Clocks enabled since the latest DSB: register, bit, cycle.
@@ -20,12 +21,13 @@ impl Enabled {
         self.0.extend(set.map(|bit| (register, bit, now)));
     }
 
-    /// Forgets all clocks: the program has executed a DSB, or the chip was reset.
+    /// Removes all clocks, after a DSB of the program or a reset of the chip.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// Cycles since the clock of this bit was enabled, if too few. Only the first access after enabling is reported.
+    /// Cycles since the clock of this bit was enabled; `None` if [`MARGIN`] has passed, after a DSB, and from the
+    /// second access on.
     pub fn is_early(&mut self, (register, bit): (u32, u32), now: Cycles) -> Option<Cycles> {
         self.0.retain(|(.., at)| now < at + MARGIN);
         let place = self

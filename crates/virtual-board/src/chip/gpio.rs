@@ -71,7 +71,7 @@ impl Port {
     }
 }
 
-/// Level of a pin driven by chip and circuit; `None` if it floats.
+/// Level of a pin driven by chip and circuit; `None` if the pin floats.
 fn combined_level(chip: Drive, circuit: Drive) -> Option<bool> {
     match (chip, circuit) {
         (Drive::Low, _) | (_, Drive::Low) => Some(false),
@@ -193,12 +193,12 @@ impl Gpio {
         }
     }
 
-    /// Peripheral signal routed to a pin.
+    /// Peripheral signal routed to a pin; `None` if there is no such signal.
     pub fn signal_at(&self, pin: Pin) -> Option<Signal> {
         self.routes.signals[pin.index()]
     }
 
-    /// First pin that a peripheral signal is routed to.
+    /// First pin that a peripheral signal is routed to; `None` if the signal is routed to no pin.
     pub fn pin_of(&self, signal: Signal) -> Option<Pin> {
         let at = self.routes.pins[signal as usize][0];
         (at != NOWHERE).then(|| Pin::at(at))
@@ -219,7 +219,7 @@ impl Gpio {
         self.chip[pin.index()]
     }
 
-    /// True if a pin is not analogue and neither chip nor circuit drives it.
+    /// True if a pin is not analogue and neither chip nor circuit drives or pulls it.
     pub fn floats(&self, pin: Pin) -> bool {
         let drives = (self.chip[pin.index()], self.circuit[pin.index()]);
         !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)

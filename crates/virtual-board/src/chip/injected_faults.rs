@@ -5,9 +5,9 @@ use super::Chip;
 /// Faults injected into a chip; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InjectedFaults {
-    /// The DMA controllers serve no request, as if the bus were always busy; a running converter loses samples.
+    /// True if the DMA controllers serve no request, as if the bus were always busy; a running converter loses samples.
     pub dma_waits: bool,
-    /// The next transfer of a DMA stream meets a bus error; cleared afterwards.
+    /// True if the next transfer of a DMA stream meets a bus error; cleared by that transfer.
     pub dma_error: bool,
     /// Number of converter triggers still to be lost.
     pub triggers_lost: u32,

@@ -10,9 +10,9 @@ use super::pin::{PORTS, Signal};
 pub(crate) enum Unit {
     /// Circuit around the chip.
     Circuit,
-    /// Oscillators, PLL.
+    /// Reset and clock control.
     Rcc,
-    /// End of an operation of the flash.
+    /// Flash; its event is the end of an operation.
     Flash,
     Iwdg,
     Wwdg,
@@ -61,7 +61,7 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x1fff_7800, 0x1fff_7a0f, "one-time programmable memory"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
-/// Name of the peripheral at an address if it exists on the chip but is not modelled.
+/// Name of the peripheral at an address that exists on the chip and is not modelled; `None` for other addresses.
 pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
     let found = NOT_MODELLED
         .iter()
@@ -126,7 +126,7 @@ const ADDRESS_RANGES: [AddressRange; 21] = [
     range(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
-/// Index of each peripheral's range, the last of several.
+/// Index of each peripheral's address range; of several ranges, the last.
 const RANGE_OF: [usize; Unit::COUNT] = {
     let mut ranges = [0; Unit::COUNT];
     let mut k = 0;
@@ -155,7 +155,8 @@ impl Unit {
         self as usize - Self::Tim1 as usize
     }
 
-    /// Peripheral at an address, and the offset within it.
+    /// Peripheral at an address, and the offset of the address in the peripheral; `None` if no modelled peripheral is
+    /// there.
     pub fn at(address: u32) -> Option<(Self, u32)> {
         let k = ADDRESS_RANGES.partition_point(|range| range.last < address);
         let range = ADDRESS_RANGES.get(k)?;
@@ -163,7 +164,8 @@ impl Unit {
         Some((range.unit, offset + range.unit.bias(range.first)))
     }
 
-    /// The debug unit has two ranges; the identity follows the registers.
+    /// Offset within the peripheral at which the range from `first` begins: 0 except for the identity, the second range
+    /// of the debug unit.
     fn bias(self, first: u32) -> u32 {
         if first == 0x1fff_7a10 { IDENTITY } else { 0 }
     }
@@ -172,7 +174,7 @@ impl Unit {
         &ADDRESS_RANGES[RANGE_OF[self as usize]]
     }
 
-    /// Name of the peripheral; a port's includes its letter.
+    /// Name of the peripheral; the name of a port includes its letter.
     pub fn name_at(self, offset: u32) -> String {
         match self {
             Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),
@@ -182,7 +184,7 @@ impl Unit {
         }
     }
 
-    /// Register and bit of the RCC that enable the peripheral's clock.
+    /// Register and bit of the RCC that enable the peripheral's clock; `None` if its clock is always on.
     pub fn gate(self, offset: u32) -> Option<(u32, u32)> {
         match self {
             Self::Gpio => Some((AHB1ENR, offset / PORT)),
@@ -190,7 +192,8 @@ impl Unit {
         }
     }
 
-    /// Peripheral whose clock this bit of an enable register enables; the same bit of the reset register resets it.
+    /// Peripheral whose clock this bit of an enable register enables; `None` if not modelled. The same bit of the reset
+    /// register resets the peripheral.
     pub fn reset_by(register: u32, bit: u32) -> Option<Self> {
         if register == AHB1ENR && (bit as usize) < PORTS {
             return Some(Self::Gpio);
@@ -248,8 +251,8 @@ impl Unit {
         }
     }
 
-    /// Cycles that the bus adds to an access. On APB: two periods of the bus clock, one to wait for an edge, one for
-    /// the access.
+    /// Cycles that the bus adds to an access: on APB two periods of the bus clock, one to wait for an edge and one for
+    /// the access; elsewhere one cycle.
     pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
         match self.range().first {
             0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,

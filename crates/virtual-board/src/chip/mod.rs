@@ -139,7 +139,7 @@ impl Units {
     }
 }
 
-/// The chip except its core.
+/// The chip without its core.
 #[derive(Clone)]
 pub struct Chip {
     shared: Shared,
@@ -148,18 +148,18 @@ pub struct Chip {
     sram: Vec<u8>,
     ccm: Vec<u8>,
     inputs: Inputs,
-    /// Pending reset.
+    /// Cause of the pending reset; `None` if no reset is pending.
     reset: Option<Cause>,
-    /// Lowest supply voltage since the supply fell too low, V; while set, the chip is held in reset.
+    /// Lowest supply voltage since the supply fell too low, V; the chip is held in reset until this is `None`.
     sagged: Option<f64>,
     longest_reaction: Cycles,
-    /// The clock security system requests the non-maskable interrupt.
+    /// True if the clock security system requests the non-maskable interrupt.
     nmi: bool,
     /// True if the core clock has changed since the latest call of `advance` began.
     clock_changed: bool,
     /// True if the core clock changed between the latest two calls of `advance`.
     must_pause: bool,
-    /// Number of times that the memory lost its content.
+    /// Number of times that the RAM lost its content.
     scrambles: u64,
     injected_faults: InjectedFaults,
     /// Peripheral clocks that were enabled recently.
@@ -249,7 +249,7 @@ impl Chip {
         &mut self.sram
     }
 
-    /// Takes the pending reset.
+    /// Takes the cause of the pending reset; `None` if no reset is pending.
     pub fn take_reset(&mut self) -> Option<Cause> {
         self.reset.take()
     }

@@ -16,12 +16,12 @@ pub enum Usable {
 /// A net of the bare board at a pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Net {
-    /// The pin.
+    /// Pin of the chip on this net.
     pub pin: Pin,
     /// The net's name in the board's schematic.
     pub name: &'static str,
     /// Part of the board on this net.
     pub part: &'static str,
-    /// Permitted use.
+    /// Permitted use of the net.
     pub usable: Usable,
 }

@@ -12,7 +12,7 @@ const BITS: u32 = 7;
 /// Bits of a count.
 const WIDTH: u32 = 12;
 
-/// Error of each count, as a curve.
+/// Curve of the converter's error over its counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nonlinearity {
     /// Errors indexed by the highest [`BITS`] bits of the count, counts.
@@ -23,7 +23,7 @@ impl Nonlinearity {
     /// A random curve whose largest magnitude is `peak` counts.
     pub fn new(peak: f64, seed: u64) -> Self {
         let mut noise = Noise::new(seed);
-        // A weight of n equal elements has an error that grows with √n.
+        // The weight of bit k consists of n = 2ᵏ equal elements, so its error grows with √n.
         let weights: Vec<f64> = (0..BITS)
             .map(|bit| f64::from(1u32 << bit).sqrt() * noise.normal())
             .collect();

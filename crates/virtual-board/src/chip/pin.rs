@@ -129,7 +129,7 @@ impl Signal {
         ]
     };
 
-    /// Timer whose input or channel this signal is; 0 is TIM1.
+    /// Timer whose input or channel this signal is, 0 for TIM1; `None` for a signal of another peripheral.
     pub(crate) fn timer(self) -> Option<usize> {
         let of = |channels: &[Self; 4]| channels.contains(&self);
         match self {

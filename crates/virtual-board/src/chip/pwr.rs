@@ -3,7 +3,7 @@
 //! Source: reference manual RM0090, chapter 5. Thresholds are the typical values of the data sheet (embedded reset and
 //! power control block). The regulator is always ready.
 //!
-//! Not modelled: stop and standby modes, wake-up pin, backup regulator; enabling one is a finding.
+//! Not modelled: stop and standby modes, wake-up pin, backup regulator; enabling one of these is a finding.
 
 use super::Peripheral;
 use super::effect::Effect;
@@ -95,7 +95,8 @@ pub(crate) fn is_remembered(volts: f64) -> bool {
 pub(crate) struct Pwr {
     cr: u32,
     csr: u32,
-    /// Output of the voltage detector: the supply fell below the threshold and has not risen above it since.
+    /// Output of the voltage detector: true if the supply fell below the lower threshold and has not reached the upper
+    /// threshold since.
     low: bool,
 }
 

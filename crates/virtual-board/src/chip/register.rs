@@ -53,7 +53,7 @@ pub(crate) const fn merge(old: u32, value: u32, mask: u32) -> u32 {
     (old & !mask) | (value & mask)
 }
 
-/// Register at an offset; `registers` are sorted by offset.
+/// Register at an offset, `None` if there is no register; `registers` are sorted by offset.
 pub(crate) fn find(registers: &'static [Register], place: u32) -> Option<&'static Register> {
     // Most tables have no gaps, so the index is tried first.
     let near = registers.get(place as usize / 4);

@@ -10,15 +10,14 @@ use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 
 impl Chip {
-    /// Restarts after a reset at this cycle: peripherals in their reset state, memories unchanged. The core may still
-    /// be held, see [`Self::is_held`].
+    /// Restarts after a reset at this cycle: peripherals are in their reset state, memories unchanged except by an
+    /// interrupted flash operation. The core may still be held, see [`Self::is_held`].
     pub fn restart(&mut self, cause: Cause, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         self.begin(cause);
     }
 
-    /// Switches the power off: all pins are released, memories lose their content, and a flash operation is
-    /// interrupted.
+    /// Switches the power off: all pins are released, the RAM loses its content, and a flash operation is interrupted.
     pub fn power_off(&mut self, cycle: Cycles) {
         self.scramble();
         self.restart(Cause::PowerOn, cycle);
@@ -69,7 +68,7 @@ impl Chip {
         self.sagged.is_some() || self.units.rcc.is_held()
     }
 
-    /// Halts the core by a debugger at this cycle, or resumes it; the peripherals selected in DBGMCU stop.
+    /// Stops the peripherals selected in DBGMCU while a debugger halts the core, or resumes them, at this cycle.
     pub fn halt(&mut self, halted: bool, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         if !halted || self.units.debug.stops_watchdog() {
@@ -84,7 +83,7 @@ impl Chip {
         self.settle();
     }
 
-    /// Fills the memories with the pseudo-random content after power-on, on which no program may rely.
+    /// Fills the RAM with pseudo-random content, as after a power-on. No program may rely on this content.
     pub(super) fn scramble(&mut self) {
         self.scrambles += 1;
         let mut random = Random::new(self.shared.variation.seed ^ self.scrambles << 48);

@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 struct Sample {
     pin: Pin,
     at: Cycles,
-    /// Voltage, V, once sampled.
+    /// Voltage, V; `None` until sampled.
     volts: Option<f64>,
 }
 
@@ -39,7 +39,7 @@ pub(crate) struct Shared {
     sample: Option<Sample>,
     /// Properties that differ from chip to chip.
     pub variation: ChipVariation,
-    /// Period of the crystal divided for the real-time clock, while both are on.
+    /// Period of the crystal divided for the real-time clock; `None` while crystal or divider is off.
     pub divided_crystal: Option<Time>,
     /// Supply of the chip, V.
     pub volts: f64,
@@ -98,8 +98,8 @@ impl Shared {
         self.circuit = circuit;
     }
 
-    /// Plans to sample a voltage at a later cycle. The sample is no event of the schedule; it is taken before any later
-    /// call of the circuit.
+    /// Plans to sample a voltage at a later cycle. The sample is no event of the schedule: the next call of the circuit
+    /// after that cycle takes the sample first.
     pub fn sample(&mut self, pin: Pin, at: Cycles) {
         self.sample = Some(Sample {
             pin,

@@ -52,7 +52,7 @@ const REGISTERS: [Register; 9] = [
 #[derive(Clone, Copy, Debug)]
 struct Shift {
     word: u16,
-    /// Cycle at which the last bit is sampled; never, once sampled.
+    /// Cycle at which the last bit is sampled; `NEVER` once the bit was sampled.
     sampled: Cycles,
     end: Cycles,
 }
@@ -62,15 +62,15 @@ struct Shift {
 pub(crate) struct Spi {
     cr1: u32,
     cr2: u32,
-    /// RXNE, OVR, MODF.
+    /// Flags RXNE, OVR, MODF.
     sr: u32,
-    /// The data register was read while OVR was set; a read of SR then clears OVR.
+    /// True if the data register was read while OVR was set; a read of SR then clears OVR.
     overrun_read: bool,
     received: u16,
     waiting: Option<u16>,
     shift: Option<Shift>,
     polynomial: u32,
-    /// The signals were checked for a route to a pin.
+    /// True if the signals were checked for a route to a pin.
     placed: bool,
 }
 

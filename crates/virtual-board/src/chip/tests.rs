@@ -125,7 +125,7 @@ impl ChipBench {
         self.cycle = until;
     }
 
-    /// Advances by `micros` µs, through resets; returns the latest reset cause.
+    /// Advances by `micros` µs, through resets. Returns the cause of the latest reset; `None` without a reset.
     fn pass(&mut self, micros: u64) -> Option<Cause> {
         let end = self.chip.time_of(self.cycle) + Time::from_micros(micros);
         let mut latest = None;
@@ -219,7 +219,7 @@ fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
         bench.chip.restart(Cause::Pin, bench.cycle);
         bench.run_at_168_mhz();
         bench.write(FLASH_ACR, acr);
-        // Switching to the same clock again raises the frequency with these wait states set.
+        // The core leaves the PLL and returns, so the frequency rises with these wait states set.
         bench.write(RCC + 0x08, 0x0000_9400);
         bench.write(RCC + 0x08, 0x0000_9402);
         let (found, start) = (bench.findings(), format!("{acr} wait"));
@@ -289,7 +289,7 @@ fn brown_out_releases_the_pins_until_the_supply_recovers() {
     assert_eq!((bench.causes(), bench.read(SRAM)), (0x0e, 0x1234_5678));
 }
 
-/// The supply fails just before an access of an instruction that began earlier.
+/// The supply fails after the start of an instruction and before the instruction's access.
 #[test]
 fn access_after_a_brown_out_is_no_finding() {
     let mut bench = ChipBench::new(&[(10_000, Change::Supply(1.6))]);
@@ -371,7 +371,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
             .map(|(kind, text)| (kind, text.to_owned()))
             .collect::<Vec<_>>()
     };
-    // Nine instructions between the two accesses are not a sufficient delay.
+    // Nine cycles between enabling the clock and the access are within the margin.
     let found = early(9, false);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0].0, FindingKind::Forbidden);
@@ -462,7 +462,7 @@ fn crystal_failure_clears_moe_of_tim1_if_break_is_enabled() {
     const TIM1: u32 = 0x4001_0000;
     const BKE: u32 = 1 << 12;
     const MOE: u32 = 1 << 15;
-    // The input is not connected: with this polarity it is inactive.
+    // The break input is not connected; with this polarity a low input is inactive.
     const BKP: u32 = 1 << 13;
     for (bdtr, goes_on) in [(MOE | BKP, true), (MOE | BKP | BKE, false)] {
         let mut bench = ChipBench::new(&[(10_000, Change::Crystal(false))]);

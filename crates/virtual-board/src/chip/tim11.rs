@@ -76,7 +76,7 @@ impl Tim11 {
         channel && self.runs() && self.reg(OR) & 3 == HSE_RTC
     }
 
-    /// Time between two captures.
+    /// Time between two captures; `None` if the timer does not capture.
     fn span(&self, shared: &Shared) -> Option<Time> {
         let period = shared.divided_crystal.filter(|_| self.captures())?;
         Some(Time(period.0 << (self.reg(CCMR1) >> 2 & 3)))

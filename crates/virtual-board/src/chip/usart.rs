@@ -48,7 +48,7 @@ const REGISTERS: [Register; 7] = [
 /// The asynchronous serial interface.
 #[derive(Clone, Default)]
 pub(crate) struct Usart {
-    /// IDLE, ORE, RXNE, TC.
+    /// Flags IDLE, ORE, RXNE, TC.
     sr: u32,
     brr: u32,
     cr1: u32,
@@ -59,7 +59,8 @@ pub(crate) struct Usart {
     flags_read: u32,
     received: u8,
     waiting: Option<u8>,
-    /// Frame on the line and the cycle of its end; without a byte: the idle frame of a transmitter just enabled.
+    /// Byte on the line and the cycle of its frame's end. The byte is `None` in the idle frame of a transmitter just
+    /// enabled.
     shift: Option<(Option<u8>, Cycles)>,
     /// Cycle at which the line counts as idle.
     idle: Cycles,

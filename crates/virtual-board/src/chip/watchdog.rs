@@ -28,7 +28,7 @@ const UPDATE: u64 = 5;
 #[derive(Clone, Copy, Debug)]
 struct Slow {
     value: u32,
-    /// Written value, and the time at which it takes effect.
+    /// Written value, and the time at which the value takes effect; `None` if no write is pending.
     next: Option<(u32, Time)>,
 }
 
@@ -45,7 +45,7 @@ impl Slow {
         self.next = Some((value, shared.time() + shared.variation.slow(UPDATE)));
     }
 
-    /// Applies the written value if its time has come; true if so.
+    /// Applies the written value if its time has come; true if the value was applied.
     fn settle(&mut self, now: Time) -> bool {
         match self.next {
             Some((value, at)) if at <= now => {
@@ -62,9 +62,9 @@ pub(crate) struct Watchdog {
     prescaler: Slow,
     reload: Slow,
     open: bool,
-    /// Time of the reset, once the watchdog has started.
+    /// Time of the reset; `None` until the watchdog has started.
     reset_at: Option<Time>,
-    /// Time left until the reset when a debugger halted the core.
+    /// Time left until the reset while a debugger stops the watchdog; `None` otherwise.
     frozen: Option<Time>,
 }
 

@@ -1,10 +1,11 @@
 //! Window watchdog.
 //!
 //! Source: reference manual RM0090, chapter 22. A 7-bit counter counts down at PCLK1 / 4096, divided again by 1 to 8.
-//! The chip is reset when the counter falls below 0x40, or when the program writes the counter above the window.
+//! The chip is reset when the counter falls below 0x40, or when the program writes the counter while the count is above
+//! the window.
 //!
-//! Not modelled: the phase of the prescaler, so a write starts a whole count, while the chip's first count may be up to
-//! one count shorter; counting before activation; the early wake-up interrupt, whose request is a finding.
+//! Not modelled: the phase of the prescaler (here a write starts a whole count; on the chip the first count may be
+//! shorter); counting before activation; the early wake-up interrupt, whose request is a finding.
 
 use super::Peripheral;
 use super::cause::Cause;
@@ -37,9 +38,9 @@ pub(crate) struct WindowWatchdog {
     active: bool,
     /// Core cycles in one count.
     period: Cycles,
-    /// Cycle of the reset, while the watchdog runs.
+    /// Cycle of the reset; `None` unless the watchdog runs.
     reset_at: Option<Cycles>,
-    /// Cycles left until the reset, while the watchdog is stopped.
+    /// Cycles left until the reset while the watchdog is stopped; `None` while it runs.
     left: Option<Cycles>,
     gated: bool,
     frozen: bool,

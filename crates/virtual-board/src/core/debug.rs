@@ -17,7 +17,7 @@ pub(super) struct Debug {
     watches: Vec<Watch>,
     /// True if the core stops after one instruction.
     pub(super) step: bool,
-    /// Breakpoint of the latest stop, to be passed once.
+    /// Breakpoint of the latest stop, which the core passes when it continues; `None` afterwards.
     passing: Option<u32>,
 }
 
@@ -56,7 +56,7 @@ impl Core {
         self.debug.breakpoints.insert(address & !1);
     }
 
-    /// Removes a breakpoint; false if there was none.
+    /// Removes a breakpoint; false if no breakpoint was at this address.
     pub fn remove_breakpoint(&mut self, address: u32) -> bool {
         self.debug.breakpoints.remove(&(address & !1))
     }

@@ -10,8 +10,8 @@ enum DataOperation {
     Test(Test),
 }
 
-/// Operation from its code and registers. With destination 15 and flags set, AND, EOR, ADD and SUB are the tests TST,
-/// TEQ, CMN and CMP.
+/// Operation from its code and registers; `None` for an undefined code. With destination 15 and flags set, AND, EOR,
+/// ADD and SUB are the tests TST, TEQ, CMN and CMP.
 fn data_operation(operation: u32, d: u32, n: u32, s: bool) -> Option<DataOperation> {
     let or_test = |alu, test| {
         if d == 15 && s {
@@ -48,7 +48,7 @@ fn allowed(operation: &DataOperation, d: u32, n: u32) -> bool {
     }
 }
 
-/// A modified constant and its effect on the carry: 0 none, 1 clears, 2 sets.
+/// A modified constant and its effect on the carry (0 none, 1 clears, 2 sets); `None` for an unpredictable encoding.
 fn expand(h: u32, g: u32) -> Option<(u32, u32)> {
     let byte = g & 0xff;
     let code = (h >> 10 & 1) << 4 | (g >> 12 & 7) << 1 | byte >> 7;

@@ -10,11 +10,12 @@ const CONTROL: u32 = 0x4000_0000;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Dwt {
     control: u32,
-    /// Counter value when it last stopped, and the cycle at which it started.
+    /// Counter value at the reference point `from`, the latest start, stop or write. `from` counts the cycles in which
+    /// the core was not asleep.
     value: u32,
     from: Cycles,
     comparators: [u32; 16],
-    /// DEMCR.TRCENA.
+    /// DEMCR.TRCENA: true if the unit is enabled.
     pub(super) enabled: bool,
 }
 

@@ -115,7 +115,7 @@ impl Core {
         }
     }
 
-    /// Executes BKPT: stops for a debugger; without one, a hard fault.
+    /// Executes BKPT: stops for a debugger; without a debugger, takes a hard fault.
     fn breakpoint(&mut self, system: &mut impl System) {
         if self.debug.attached {
             self.stop = Some(Stop::Breakpoint(self.pc));
@@ -130,8 +130,8 @@ impl Core {
         self.enter(system, number::HARD_FAULT);
     }
 
-    /// Takes an exception caused by the program itself, at once. The exception escalates to a hard fault if it is
-    /// disabled or its priority is too low.
+    /// Takes an exception caused by the program itself, at once. An exception that is disabled or whose priority is too
+    /// low becomes a hard fault; if no hard fault can be taken, the core locks up.
     pub(super) fn raise(&mut self, system: &mut impl System, exception: u16) {
         let exception = match self.escalated(exception) {
             Some(exception) => exception,
@@ -155,7 +155,7 @@ impl Core {
         Some(number::HARD_FAULT)
     }
 
-    /// Locks the core up: the core executes no more instructions.
+    /// Locks the core up: the core executes nothing until a reset or a non-maskable interrupt.
     pub(super) fn lock_up(&mut self, system: &mut impl System, why: &str) {
         let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
         let text = format!("lock-up: {why} ({status})");
@@ -212,8 +212,8 @@ impl Core {
         self.nvic.set_lines(system.lines(), self.cycles);
     }
 
-    /// Handles a fault during stacking or unstacking. Returns the exception taken now, `None` for lock-up; the original
-    /// exception stays pending.
+    /// Handles a fault during stacking or unstacking. Returns the exception to take now; `None` if the core must lock
+    /// up. An original exception that is not taken stays pending.
     fn derived(&mut self, original: u16, trap: Trap, stage: Stage) -> Option<u16> {
         let bus = trap == Trap::DataBus;
         self.scb.cfsr |= match (bus, stage) {
@@ -228,8 +228,8 @@ impl Core {
             number::MEM_MANAGE
         };
         let fault = self.escalated(fault)?;
-        // A fault does not pre-empt itself: its handler is entered although its frame could not be stored (DDI 0337E,
-        // 5.12.1).
+        // A fault pre-empts neither itself nor the hard fault: the original handler is entered although its frame could
+        // not be stored (DDI 0337E, 5.12.1).
         if stage == Stage::Stacking && (fault == original || original == number::HARD_FAULT) {
             return Some(original);
         }
@@ -245,7 +245,7 @@ impl Core {
         if original == 0 || after < before {
             return Some(fault);
         }
-        // The original is a hard fault itself (lock-up), or the non-maskable interrupt, which is taken first.
+        // Only the non-maskable interrupt reaches this line. The interrupt is taken first.
         (original == number::NMI).then_some(original)
     }
 

@@ -16,7 +16,7 @@ fn saturate_unsigned(value: i64, bits: u32) -> (u32, bool) {
     (result as u32, result != value)
 }
 
-/// A halfword as a signed number; `upper` is 0 for the lower one, 1 for the upper one.
+/// A halfword as a signed number; `upper` is 0 for the lower halfword, 1 for the upper halfword.
 fn half(value: u32, upper: u32) -> i64 {
     i64::from((value >> (16 * upper)) as i16)
 }
@@ -253,8 +253,8 @@ impl Core {
         };
         let (mut result, mut ge) = (0, 0);
         for k in 0..lanes {
-            // Value of x: 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halfwords of m, then add one and subtract
-            // the other.
+            // Value of x: 0 and 1 add, 4 and 5 subtract. 2 and 6 exchange the halfwords of m, then add in one half and
+            // subtract in the other half.
             let (other, subtract) = match insn.x() {
                 2 => (1 - k, k == 0),
                 6 => (1 - k, k == 1),

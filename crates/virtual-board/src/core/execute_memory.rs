@@ -34,7 +34,7 @@ impl Size {
 }
 
 impl Core {
-    /// Always inlined, to compile a version for each width.
+    /// Loads a value into register d. Always inlined, so that each width has its own code.
     #[inline(always)]
     pub(super) fn load_into(
         &mut self,
@@ -306,7 +306,7 @@ impl Core {
         }
     }
 
-    /// Pops the registers; returns the new program counter if it is in the list.
+    /// Pops the registers. Returns the new program counter; `None` if the program counter is not in the list.
     #[inline(always)]
     fn pop_list(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done<Option<u32>> {
         let mut at = Transfer::word(self.r[13], pc);

@@ -28,7 +28,7 @@ impl Cached {
 }
 
 impl Core {
-    /// Instruction at an address, without its cycles; `None` if it cannot be read.
+    /// Instruction at an address, without its cycles; `None` if the address cannot be read.
     fn decode_raw(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let first = system.fetch(pc).ok()?;
         if !decode32::is_wide(first) {
@@ -39,7 +39,8 @@ impl Core {
         Some((insn, [first, second]))
     }
 
-    /// Instruction at an address with its cycles, which depend on the next instruction and on the branch target.
+    /// Instruction at an address with its cycles, which depend on the next instruction and on the branch target; `None`
+    /// if the address cannot be read.
     fn decode(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let (mut insn, halves) = Self::decode_raw(system, pc)?;
         let next = pc.wrapping_add(u32::from(insn.size));
@@ -69,7 +70,7 @@ impl Core {
         Ok(())
     }
 
-    /// Instruction beyond the present table of decoded flash.
+    /// Instruction outside of the flash; [`Insn::EMPTY`] for flash beyond the table of decoded instructions.
     #[inline(never)]
     pub(super) fn fetch_elsewhere(&mut self, system: &mut impl System, pc: u32) -> Done<Insn> {
         if pc.wrapping_sub(FLASH) >> 1 < FLASH_HALVES {

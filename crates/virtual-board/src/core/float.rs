@@ -50,7 +50,7 @@ const INFINITY: u32 = 0x7f80_0000;
 const DEFAULT_NAN: u32 = 0x7fc0_0000;
 const QUIET: u32 = 1 << 22;
 
-/// True if the host's arithmetic may be used: see the module.
+/// True if this status permits the host's arithmetic, see the documentation of the module.
 #[inline(always)]
 fn plain(status: u32) -> bool {
     status & (DN | FZ | RMODE | IXC) == IXC
@@ -154,7 +154,7 @@ fn quiet(bits: u32, status: &mut u32) -> u32 {
     }
 }
 
-/// NaN result for NaN operands: the first signalling NaN, else the first NaN.
+/// NaN result for NaN operands: the first signalling NaN, else the first NaN; `None` if no operand is NaN.
 fn propagate(values: &[Value], status: &mut u32) -> Option<u32> {
     let nans = || {
         values.iter().filter_map(|value| match value {

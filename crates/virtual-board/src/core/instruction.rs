@@ -182,7 +182,7 @@ pub(super) enum Op {
     MovReg,
     MovRegS,
     MovTop,
-    /// d = n + imm, also for subtractions.
+    /// d = n + imm; a subtraction has a negated `imm`.
     AddImm,
     AddImmS,
     SubImmS,
@@ -332,7 +332,7 @@ pub(super) struct Insn {
 }
 
 impl Insn {
-    /// Not decoded yet.
+    /// Entry of the table for an instruction that is not decoded yet.
     pub(super) const EMPTY: Self = Self {
         op: Op::Empty,
         cycles: 0,

@@ -154,11 +154,11 @@ pub struct Core {
     view: mpu::Mode,
     /// The stack pointer, MSP or PSP, that is not in `r`.
     other_sp: u32,
-    /// Thread mode uses the process stack (CONTROL.SPSEL).
+    /// True if thread mode uses the process stack (CONTROL.SPSEL).
     process_stack: bool,
-    /// CONTROL.nPRIV.
+    /// CONTROL.nPRIV: true if thread mode is unprivileged.
     user_thread: bool,
-    /// CONTROL.FPCA.
+    /// CONTROL.FPCA: true if the present context uses floating point.
     fp_active: bool,
     thumb: bool,
     ipsr: u16,
@@ -168,7 +168,7 @@ pub struct Core {
     event: bool,
     exclusive: bool,
     sleep: Sleep,
-    /// The present sleep is with SLEEPDEEP set.
+    /// True if the present sleep began with SLEEPDEEP set.
     deep_sleep: bool,
     stop: Option<Stop>,
     /// Value of a trap: the address of a fault, or the value of an exception return.

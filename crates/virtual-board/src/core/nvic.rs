@@ -137,7 +137,7 @@ impl Nvic {
         priority & !((2 << self.group) - 1)
     }
 
-    /// Pending and enabled exception of highest priority, with its priority.
+    /// Pending and enabled exception of highest priority, with its priority; `None` if no exception waits.
     pub(super) fn first(&self) -> Option<(u16, i32)> {
         let mut rest = self.pending & self.enabled;
         let mut best: Option<(u16, i32)> = None;

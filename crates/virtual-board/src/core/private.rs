@@ -106,7 +106,7 @@ impl Core {
     fn private_read(&mut self, system: &mut impl System, address: u32, pc: u32) -> u32 {
         let array = (address & 0x7f) >> 2;
         match address {
-            // Stimulus ports of the ITM are always ready; its other registers read as 0.
+            // Stimulus ports of the ITM are always ready; the other registers of the ITM read as 0.
             0xe000_0000..0xe000_0080 => 1,
             0xe000_0e00..0xe000_1000 => 0,
             0xe000_1000..0xe000_1060 => self.dwt.read(address & 0xff, self.awake()),

@@ -43,7 +43,7 @@ impl Core {
         }
     }
 
-    /// Sets a register.
+    /// Sets a register. The stack pointer is rounded down to a multiple of 4; bit 0 of the program counter is ignored.
     pub fn set_register(&mut self, number: usize, value: u32) {
         match number {
             15 => {
@@ -75,7 +75,7 @@ impl Core {
         self.fpscr
     }
 
-    /// Sets the floating-point status and control register.
+    /// Sets the floating-point status and control register; bits that are not implemented are ignored.
     pub fn set_fpscr(&mut self, value: u32) {
         self.fpscr = value & super::float::fpscr::WRITABLE;
     }
@@ -151,7 +151,7 @@ impl Core {
             | u32::from(self.ipsr)
     }
 
-    /// Sets flags and IT state; the exception number is unchanged.
+    /// Sets flags, IT state and Thumb bit; the exception number is unchanged.
     pub fn set_xpsr(&mut self, value: u32) {
         self.set_apsr(value);
         self.it = it_state(value);

@@ -118,7 +118,8 @@ impl Core {
         self.cycles = until;
     }
 
-    /// Executes instructions until the next check is needed. A trap is returned with the IT state of its instruction.
+    /// Executes instructions until the next check is needed. Returns a trap with the IT state of its instruction;
+    /// `None` without a trap.
     fn execute_until_limit<const PROBE: bool>(
         &mut self,
         system: &mut impl System,

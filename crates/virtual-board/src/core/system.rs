@@ -72,8 +72,8 @@ impl Transfer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusError;
 
-/// The chip around the core: everything except the private peripheral bus (0xE000_0000 to 0xE00F_FFFF), which belongs
-/// to the core.
+/// The chip around the core: everything except the private peripheral bus (0xE000_0000 to 0xE00F_FFFF). In this range
+/// only DBGMCU belongs to the chip, all else to the core.
 ///
 /// Accesses are aligned to their width: the core splits unaligned ones. `cycle` is the clock of the core; an access
 /// adds its time beyond the core's own (wait states, bus, busy flash).
@@ -98,9 +98,11 @@ pub trait System {
     fn take_nmi(&mut self) -> bool {
         false
     }
-    /// First and last address of program that changed since the last call; the core discards its decoded instructions.
+    /// First and last address of code that changed since the last call, `None` without a change; the core discards the
+    /// decoded instructions of this range.
     fn take_changed_code(&mut self) -> Option<(u32, u32)>;
-    /// True if the core must stop at once, because the chip is to be reset; called after [`Self::advance`].
+    /// True if the core must stop at once, for a reset, a failed supply or a change of the clock; called after
+    /// [`Self::advance`].
     fn must_stop(&self) -> bool {
         false
     }

@@ -21,7 +21,7 @@ pub(super) struct SysTick {
     value: u32,
     tick: u64,
     flag: bool,
-    /// Cycle at which the counter next reaches 0.
+    /// Cycle at which the counter next reaches 0; `None` if it never does.
     zero: Option<Cycles>,
 }
 
@@ -74,7 +74,7 @@ impl SysTick {
         };
     }
 
-    /// Cycle at which the counter next reaches 0.
+    /// Cycle at which the counter next reaches 0; `NEVER` if it never does.
     pub(super) fn deadline(&self) -> Cycles {
         self.zero.unwrap_or(NEVER)
     }

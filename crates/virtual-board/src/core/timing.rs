@@ -14,19 +14,19 @@
 
 use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
 
-/// Refill of the pipeline after a branch to a register.
+/// Cycles to refill the pipeline after a branch to a register.
 pub(super) const REFILL_REGISTER: u64 = 2;
-/// Refill of the pipeline after a branch to an address from memory.
+/// Cycles to refill the pipeline after a branch to an address from memory.
 pub(super) const REFILL_LOADED: u64 = 3;
-/// From an exception to its first instruction, with memory without wait states.
+/// Cycles from an exception to its first instruction, with memory without wait states.
 pub(super) const ENTRY: u64 = 12;
-/// Part of `ENTRY` for stacking.
+/// Cycles of [`ENTRY`] that stacking takes.
 pub(super) const STACKING: u64 = 8;
-/// From an exception return to the interrupted instruction.
+/// Cycles from an exception return to the interrupted instruction.
 pub(super) const RETURN: u64 = 10;
-/// From an exception return to the first instruction of the next exception.
+/// Cycles from an exception return to the first instruction of the next exception.
 pub(super) const TAIL_CHAIN: u64 = 6;
-/// Saving or restoring 16 single-precision registers and the status register.
+/// Cycles to save or restore 16 single-precision registers and the status register.
 pub(super) const FP_CONTEXT: u64 = 17;
 /// Cycles of division and square root.
 pub(super) const FP_DIVISION: u64 = 14;

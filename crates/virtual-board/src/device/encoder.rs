@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 const CATCH_UP: Time = Time::from_nanos(100);
 
 characteristics! {
-    /// An encoder.
+    /// Characteristics of an encoder.
     pub struct EncoderConfig {
         /// Lines of the code disc, each with four counts. Default 2048.
         pub lines: u32 = 2048;
@@ -28,20 +28,20 @@ characteristics! {
 /// Output line of the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// Leads in forward rotation.
+    /// Line A, which leads in forward rotation.
     A,
-    /// Lags in forward rotation.
+    /// Line B, which lags in forward rotation.
     B,
 }
 
 /// Faults of an encoder; several may be present at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderFault {
-    /// A is stuck at this level.
+    /// Level at which A is stuck; `None` if A works.
     pub stuck_a: Option<bool>,
-    /// B is stuck at this level.
+    /// Level at which B is stuck; `None` if B works.
     pub stuck_b: Option<bool>,
-    /// The two lines are swapped.
+    /// True if the two lines are swapped.
     pub swapped: bool,
 }
 
@@ -114,12 +114,13 @@ impl Encoder {
         self.glitches.push_back(Glitch { line, from, to });
     }
 
-    /// Count from angle 0 of the disc, as a perfect counter would have it.
+    /// True count from wheel angle 0, regardless of faults and glitches.
     pub fn count(&self) -> i64 {
         self.count
     }
 
-    /// Time of the next change of a level, as far as known.
+    /// Time of the next edge of the present motion, or of the next start or end of a glitch; [`Time::NEVER`] if none is
+    /// due.
     pub fn next(&self) -> Time {
         let glitch = self.glitches.iter().fold(Time::NEVER, |next, g| {
             let due = if g.from > self.now { g.from } else { g.to };
@@ -177,14 +178,14 @@ impl Encoder {
         // Distances to the edges on both sides of the present count.
         let up = (self.count + 1) as f64 - position;
         let down = self.count as f64 - position;
-        // A wheel that has just passed an edge is on the edge, except for rounding.
+        // Tolerance, counts: right after an edge, rounding can put the position on either side of the edge.
         const ROUNDING: f64 = 1e-6;
         self.edge = if up < -ROUNDING {
             (self.now + CATCH_UP, self.count + 1)
         } else if down > ROUNDING {
             (self.now + CATCH_UP, self.count - 1)
         } else {
-            // The edge ahead, unless the wheel reverses before it.
+            // The next edge is the edge ahead; if the wheel reverses before that, the edge behind.
             let (ahead, behind) = ((up.max(0.0), 1), (-down.min(0.0), -1));
             let (ahead, behind) = if speed >= 0.0 {
                 (ahead, behind)
@@ -202,7 +203,7 @@ impl Encoder {
     /// Time until the wheel has moved by a distance (counts, not negative) in a direction (1 or −1), s; infinite if
     /// never.
     fn reach(&self, (distance, direction): (f64, i64), speed: f64) -> f64 {
-        // Transformed so that the direction is positive.
+        // Speed and acceleration are positive in the given direction.
         let sign = direction as f64;
         let (d, v, a) = (distance, sign * speed, sign * self.acceleration);
         let square = v * v + 2.0 * a * d;
@@ -211,7 +212,7 @@ impl Encoder {
         }
         let root = square.sqrt();
         if v >= 0.0 {
-            // Valid also for a = 0; avoids cancellation.
+            // This form of the root holds for a = 0, too, and avoids cancellation.
             if d == 0.0 { 0.0 } else { 2.0 * d / (v + root) }
         } else {
             // The wheel reverses first.

@@ -1,7 +1,7 @@
 //! The bare Olimex STM32-H405: pins used by the board itself, and pins used by the chip's boot loader.
 //!
 //! Sources: board files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS (`os/hal/boards/OLIMEX_STM32_H405`)
-//! and Zephyr (`boards/arm/olimex_stm32_h405`); for USB_P, those of the robot phobos.
+//! and Zephyr (`boards/arm/olimex_stm32_h405`); for USB_P, the board files of the robot phobos.
 
 use crate::chip::{Net, Pin, Usable};
 

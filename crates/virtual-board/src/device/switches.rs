@@ -17,7 +17,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// A contact with its state and the largest bounce time.
+    /// A contact that is open or closed; each later change bounces for up to `bounce`.
     pub fn new(closed: bool, bounce: Time, seed: u64) -> Self {
         Self {
             closed,
@@ -27,7 +27,7 @@ impl Contact {
         }
     }
 
-    /// Opens or closes the contact at a time, not before the end of earlier changes.
+    /// Opens or closes the contact at `at`, which must not be before the end of earlier changes.
     pub fn set(&mut self, closed: bool, at: Time) {
         let last = self.edges.back().map_or(self.closed, |e| e.1);
         if closed == last {
@@ -54,7 +54,7 @@ impl Contact {
         self.closed
     }
 
-    /// Time of the next change of the contact.
+    /// Time of the next change of the contact; [`Time::NEVER`] if none is due.
     pub fn next(&self) -> Time {
         self.edges.front().map_or(Time::NEVER, |e| e.0)
     }

@@ -71,7 +71,7 @@ impl Lines {
         (pc < row.end).then(|| self.source_line(row)).flatten()
     }
 
-    /// Source line of a row; line 0 marks code without a source line.
+    /// Source line of a row; `None` for line 0, which marks code without a source line.
     fn source_line(&self, row: &LineRow) -> Option<SourceLine<'_>> {
         let file = self.files.get(row.file as usize)?;
         (row.line > 0).then_some(SourceLine {

@@ -58,9 +58,9 @@ impl std::error::Error for ImageError {}
 /// Content of a part of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segment {
-    /// First address.
+    /// First address of the segment.
     pub address: u32,
-    /// Content.
+    /// Bytes of the segment.
     pub data: Vec<u8>,
 }
 
@@ -154,12 +154,12 @@ impl Image {
         }
     }
 
-    /// Address of a function or variable, by its name in the file or in the source.
+    /// Address of a function or variable, by its name in the file or in the source; `None` if the name is unknown.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.names.get(name).map(|s| s.0)
     }
 
-    /// Function that contains an address.
+    /// Function that contains an address; `None` if unknown.
     pub fn function(&self, pc: u32) -> Option<&Symbol> {
         let pc = pc & !1;
         let after = self.functions.partition_point(|s| s.address <= pc);
@@ -192,7 +192,7 @@ impl Image {
         .collect()
     }
 
-    /// Source line of an address; for inlined functions, the innermost.
+    /// Source line of an address; for inlined functions, the innermost. `None` if unknown.
     pub fn line(&self, pc: u32) -> Option<SourceLine<'_>> {
         self.lines().find(pc & !1)
     }
@@ -209,7 +209,7 @@ impl Image {
         text
     }
 
-    /// Raw bytes of a section; none for a section without content in the file.
+    /// Raw bytes of a section; `None` for an unknown section and for a section without content in the file.
     pub fn section(&self, name: &str) -> Option<&[u8]> {
         let elf = ElfFile32::<LittleEndian>::parse(&*self.bytes).ok()?;
         let (start, length) = elf.section_by_name(name)?.file_range()?;
@@ -226,7 +226,7 @@ impl Image {
     }
 }
 
-/// Field, value, allowed values.
+/// Field, value and allowed values of an [`ImageError`].
 type Wrong = (&'static str, String, &'static str);
 
 fn cut(error: object::Error, bytes: &[u8]) -> Wrong {

@@ -293,7 +293,7 @@ fn invalid_file_is_rejected_with_field_and_value() {
     ] {
         assert_eq!(found, format!("x.elf: {expected}"));
     }
-    // A cut file is an error, or still an image if only section names are missing.
+    // A file cut before the end of its segment is an error; a later cut may lose only the names of sections.
     let vectors_end = 52 + 32 + 0x100 + CODE.len();
     for length in 0..vectors_end {
         let cut = Image::parse("x", good[..length].to_vec());
@@ -308,7 +308,8 @@ fn image_for_another_chip_is_rejected() {
         builder.segments[0].2[at..at + 4].copy_from_slice(&value.to_le_bytes());
         error(builder.build())
     };
-    // 192 KiB of contiguous memory; no memory; a reset vector in Arm state; a reset vector outside the image.
+    // The stack pointer is that of a chip with 192 KiB of contiguous memory, or in no memory; the reset vector is in
+    // Arm state or outside the image.
     for (at, value, text) in [
         (0, 0x2003_0000, "the initial stack pointer is 0x20030000"),
         (0, 0x0000_0000, "the initial stack pointer is 0x00000000"),

@@ -18,7 +18,7 @@ const BLOCKING: u8 = 2;
 pub struct Rtt {
     /// First address of the memory.
     base: u32,
-    /// Address of the control block, if known.
+    /// Address of the control block; `None` until known.
     block: Option<u32>,
     /// True if the address comes from a symbol: the memory is not searched.
     fixed: bool,
@@ -116,7 +116,7 @@ impl Rtt {
         sound.then_some(channel)
     }
 
-    /// Offset of the control block in the memory.
+    /// Offset of the control block in the memory; `None` if the block is not there.
     fn find(&mut self, memory: &[u8]) -> Option<usize> {
         let is_there = |at: usize| memory.get(at..at + 16) == Some(&IDENTITY[..]);
         if let Some(block) = self.block {

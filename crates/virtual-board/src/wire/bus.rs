@@ -19,7 +19,7 @@ pub enum Level {
 /// Faults of the wire and the transceivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The bus is stuck at this level; `None`: not stuck.
+    /// Level at which the bus is stuck; `None` ends the fault.
     Level(Option<Level>),
     /// State of a node's transceiver.
     Transceiver {
@@ -52,7 +52,7 @@ pub struct Record {
     pub start: Time,
     /// Sample point of the last bit, or of the bit in which the error was detected.
     pub end: Time,
-    /// Error that ended the transmission.
+    /// Error that ended the transmission; `None` if the frame was acknowledged.
     pub error: Option<ErrorKind>,
 }
 
@@ -60,9 +60,10 @@ pub struct Record {
 ///
 /// # Causality
 ///
-/// Each board runs alone for at most `quantum`, then the wire follows with [`Wire::advance`] and knows when each
-/// mailbox was requested. A frame that began before is simulated for one more quantum. Its end is at least 44 bits
-/// after its start, so the boards receive the end in time. Consequences, for a quantum of up to 42 bits:
+/// Each board runs alone for at most `quantum`, then the wire follows with [`Wire::advance`] and has all requests of
+/// mailboxes up to that time. A frame that is on the bus then is simulated for one more quantum. The end of a frame is
+/// at least 44 bits after its start, so the boards receive the end in time. Consequences, for a quantum of up to 42
+/// bits:
 ///
 /// - Exact: starts of frames, the winner of arbitration, ends of transmission and reception.
 /// - Delivered up to a quantum late, with the exact time: starts of frames, lost arbitrations, errors in the first
@@ -77,7 +78,7 @@ pub struct Wire {
     pub(super) drivers: Vec<u16>,
     pub(super) forced: Option<Level>,
     pub(super) noise: Noise,
-    /// Delay from a controller's output to all inputs: twice that of a transceiver, plus the wire.
+    /// Delay from a controller's output to all inputs: two transceivers and the wire.
     pub(super) delay: Time,
     quantum: Time,
     now: Time,
@@ -166,7 +167,7 @@ impl Wire {
         }
     }
 
-    /// Takes the actions of the nodes.
+    /// Takes the actions of the nodes. An abort removes requests of its mailbox that are not applied yet.
     fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
         for (i, (node, can_node)) in nodes.iter_mut().zip(&mut self.can_nodes).enumerate() {
             while let Some((at, action)) = node.take_action() {

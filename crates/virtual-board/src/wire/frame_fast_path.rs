@@ -14,8 +14,8 @@ const MIN_BITS: usize = 4;
 const TAIL: usize = 11;
 
 impl Wire {
-    /// Processes bits of the sender in one step, all sampled before `limit`; false if that is not possible. The sender
-    /// must be about to begin a bit, and all other nodes must have sampled the previous bit.
+    /// Processes several bits of the sender in one step, all sampled before `limit`; false if single steps are needed.
+    /// The sender must be about to begin a bit, and all other nodes must have sampled the previous bit.
     pub(super) fn fast_forward(&mut self, sender: usize, limit: Time) -> bool {
         let Some((from, to)) = self.stretch(sender, limit) else {
             return false;
@@ -67,7 +67,7 @@ impl Wire {
         true
     }
 
-    /// Range of bits for the fast path: from the sender's next bit to the bit at the end, exclusive.
+    /// Bits for the fast path: the sender's next bit, and the end (exclusive); `None` if single steps are needed.
     fn stretch(&self, sender: usize, limit: Time) -> Option<(usize, usize)> {
         let can_node = &self.can_nodes[sender];
         let (bits, from) = can_node.controller.sending()?;

@@ -76,10 +76,10 @@ impl Settings {
 /// Action of a node, delivered to the wire after the quantum in which it occurred.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
-    /// Reset: the controller leaves the bus at once and loses all state.
+    /// Reset: the controller leaves the bus at once and loses all state except the statistics.
     Reset,
-    /// Changes the settings. A controller that leaves the bus completes the present frame; one that joins waits for
-    /// eleven recessive bits.
+    /// Changes the settings. A controller that leaves the bus completes the present frame; a controller that joins
+    /// waits for eleven recessive bits.
     Set(Settings),
     /// Requests transmission of a mailbox.
     Request {
@@ -132,7 +132,7 @@ pub enum EventKind {
     },
     /// An error was detected.
     Error(ErrorKind),
-    /// The error counters changed for another reason.
+    /// The error counters rose without a newly detected error.
     Counted,
     /// Bus-off: too many errors.
     Off,
@@ -155,9 +155,9 @@ pub struct Event {
 
 /// A controller on the bus.
 pub trait Node {
-    /// Next action of the node, in order of time; each is returned once.
+    /// Takes the node's next action, in order of time; `None` if no action is left.
     fn take_action(&mut self) -> Option<(Time, Action)>;
-    /// Delivers an event, in order of time. The time may be in the future if it is known ahead (see
+    /// Delivers an event, in order of time. The time of the event may be in the node's future (see
     /// [`Wire`](super::Wire)).
     fn event(&mut self, event: Event);
 }

@@ -31,7 +31,7 @@ pub(crate) struct Receiver {
     last: bool,
     /// Bits so far, without stuff bits.
     count: u16,
-    /// Bits up to the end of the checksum, without stuff bits; known once the length code has arrived.
+    /// Bits up to the end of the checksum, without stuff bits; `None` until the length code has arrived.
     total: Option<u16>,
     crc: u16,
     identifier: u32,
@@ -98,7 +98,7 @@ impl Receiver {
             13 => self.extended = bit,
             14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
             32 if self.extended => self.remote = bit,
-            // Checksum.
+            // The bits of the checksum carry no data.
             n if self.total.is_some_and(|total| n >= total - 15) => {}
             n if n >= head => self.data = self.data << 1 | u64::from(bit),
             n if n >= head - 4 => {

@@ -9,7 +9,7 @@ pub struct Statistics {
     pub sent: u64,
     /// Frames received without error.
     pub received: u64,
-    /// Frames cancelled before transmission.
+    /// Frames cancelled before they were transmitted and acknowledged.
     pub given_up: u64,
     /// Lost arbitrations; the frame is transmitted later.
     pub arbitrations_lost: u64,

@@ -75,7 +75,7 @@ impl WireBench {
         frames.collect()
     }
 
-    /// Forces the bus dominant for some time.
+    /// Forces the bus dominant for `span` from `from` on.
     fn disturb(&mut self, from: Time, span: Time) {
         let dominant = Fault::Level(Some(Level::Dominant));
         self.wire.inject(from, dominant);
@@ -130,7 +130,7 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
             let received = bench.received(node);
             assert_eq!(received.len(), 1);
             assert_eq!(received[0].1, frame);
-            // One bit before the sender's last bit, except for delay and quanta.
+            // A receiver accepts the frame one bit before the sender's last bit, except for delay and quanta.
             let before = sent.at.0 as i64 - received[0].0.0 as i64;
             assert!((before - BIT as i64).abs() < 300_000, "{before}");
         }
@@ -221,7 +221,7 @@ fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
     };
     assert_eq!(bad.error, Some(ErrorKind::BitRecessive));
     assert_eq!(good.error, None);
-    // Error frame and intermission: 17 to 23 bits from the error to the next start of frame.
+    // Flags, delimiter and intermission are 17 to 23 bits, between the bit with the error and the next start of frame.
     let bits = (good.start - bad.end).0 as f64 / BIT as f64;
     assert!((17.0..=24.5).contains(&bits), "{bits}");
     let counters: Vec<_> = (0..3)
@@ -292,8 +292,8 @@ fn sender_without_receivers_becomes_passive_and_waits_longer() {
     bench.nodes[0].send(micros(100), frame);
     bench.run(micros(10_000));
     let records = bench.wire.take_records();
-    // From the acknowledgement slot, instead of delimiter and end of frame: flag of 6, delimiter of 8, intermission of
-    // 3; if passive, 8 more.
+    // After the acknowledgement slot follow the flag (6 bits), the error delimiter (8) and the intermission (3). A
+    // passive sender waits 8 more bits.
     let slot = frame.bits().acknowledgement() as u64;
     for (k, pair) in records.windows(2).enumerate() {
         let bits = (pair[1].start - pair[0].start).0.div_ceil(1000) / (BIT / 1000);
@@ -312,7 +312,8 @@ fn stuck_dominant_bus_causes_bus_off_and_recovery() {
     bench.disturb(micros(120), micros(2000));
     bench.run(micros(2000));
     let off = bench.events(0, |w| *w == EventKind::Off);
-    // 8 for the error, then 8 for each 8 dominant bits behind the flag of 6: 32 times 8.
+    // The transmit counter rises by 8 for the error, then by 8 for every 8 dominant bits after the flag of 6 bits. It
+    // reaches 256 at the 32nd step.
     let bits = off[0].at.micros() - 120;
     assert!((6 + 31 * 8 - 3..6 + 31 * 8 + 12).contains(&bits), "{bits}");
     let receiver = bench.events(1, |_| true).pop().map(|e| (e.tec, e.rec));
@@ -342,7 +343,7 @@ fn pieces_of_a_cut_wire_are_separate_buses() {
         let sender = node / 2 + 1;
         assert!(received.iter().all(|(_, f)| f.data() == [sender as u8]));
     }
-    // A node without others is not acknowledged.
+    // A node alone on its piece is not acknowledged.
     bench.wire.inject(micros(400), cut(3, 2));
     bench.nodes[3].send(micros(500), standard(3, &[]));
     bench.run(micros(1000));
@@ -402,8 +403,8 @@ fn clocks_may_differ_within_the_tolerance_of_the_specification() {
             .map(|k| bench.wire.statistics(k).error_frames)
             .sum::<u64>()
     };
-    // The second segment exceeds the used part by more than a quantum, because edges are detected with a resolution of
-    // a quantum.
+    // At 0.7 of the tolerance the phase error is at least a quantum less than the second segment. This margin is
+    // needed, because edges are detected with a resolution of a quantum.
     for timing in [(13, 2, 1), (11, 4, 3), (11, 4, 4), (10, 5, 1)] {
         assert_eq!(spoiled(timing, 0.7), 0, "{timing:?}");
         assert!(spoiled(timing, 2.5) > 0, "{timing:?}");

@@ -62,7 +62,7 @@ pub(crate) struct BitClock {
     pub sampled: bool,
     /// True if the clock synchronized to an edge since the last sample.
     followed: bool,
-    /// Quantum of an edge beyond the present bit.
+    /// Quantum of an edge detected beyond the present bit; `None` without such an edge.
     early: Option<u64>,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Source: reference manual RM0090, chapter 13, and the data sheet. A conversion samples for the time of SMPRx, then
 //! takes one clock for each bit of the result. The voltage is sampled at the end of the sampling time; the supply is
-//! the reference. From a trigger to the conversion pass two clocks (regular group) or three (injected group), the
+//! the reference. A conversion starts two clocks (regular group) or three (injected group) after its trigger, the
 //! longest times of the data sheet.
 //!
 //! Choices where the manual is unclear:
@@ -13,7 +13,7 @@
 //!
 //! Not modelled: ADC2 and ADC3; dual and triple modes; continuous and discontinuous modes; automatic injection; offsets
 //! (JOFRx); resolutions below 12 bits; left alignment; analogue watchdog; triggers other than TRGO of TIM1 to TIM5;
-//! internal channels. Enabling one is a finding. The sampling capacitor draws no charge from the pin.
+//! internal channels. Enabling one of these is a finding. The sampling capacitor draws no charge from the pin.
 
 mod registers;
 #[cfg(test)]
@@ -36,7 +36,7 @@ use registers::*;
 
 /// Time from switching on to the first conversion.
 const STABILISATION: Time = Time::from_micros(3);
-/// Supply limit, V; highest clock frequency above and below it, and lowest frequency, Hz (data sheet).
+/// Supply limit, V; highest clock frequency above and below this supply, and lowest clock frequency, Hz (data sheet).
 const FULL_SPEED_V: f64 = 2.4;
 const MAX_HZ: [u64; 2] = [36_000_000, 18_000_000];
 const MIN_HZ: u64 = 600_000;
@@ -78,17 +78,17 @@ pub(crate) struct Adc {
     conversion: Option<Conversion>,
     /// Core cycles in one clock of the converter when the conversion began.
     clock: u64,
-    /// The program has not yet read the latest result of the regular group.
+    /// True until the latest result of the regular group is read.
     unread: bool,
-    /// DMA requests have stopped: the block ended without DDS, or an overrun occurred.
+    /// True if DMA requests have stopped: the block ended without DDS, or an overrun occurred.
     requests_stopped: bool,
     stable: Time,
     /// Channels whose pin was checked since the converter was switched on, one bit each.
     checked: u32,
-    /// Cycles left of the conversion and of its sampling, while the clock is off.
+    /// Cycles left of the conversion and of its sampling while the clock is off; `None` while the clock is on.
     gated: Option<[Cycles; 2]>,
     noise: Noise,
-    /// Created at the first conversion.
+    /// Nonlinearity of this chip's converter; `None` until the first conversion.
     nonlinearity: Option<Nonlinearity>,
     /// Cycle of the latest start of the injected group.
     started: Cycles,
@@ -279,7 +279,7 @@ impl Adc {
     /// Starts a group, by trigger or by the program.
     fn start(&mut self, injected: bool, shared: &mut Shared) {
         if !injected && self.sr & OVR != 0 && self.detects_overruns() {
-            // Manual: ignored until the overrun flag is cleared.
+            // Manual: regular triggers are ignored until the overrun flag is cleared.
             return;
         }
         if self.position(injected).is_some() {

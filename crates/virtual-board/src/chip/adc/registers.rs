@@ -61,7 +61,7 @@ pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 /// Sampling times by SMPx, clocks.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
-/// Timer whose TRGO starts the regular group, by EXTSEL; other triggers are not modelled.
+/// Timer whose TRGO starts the regular group, by EXTSEL; `None` for other triggers, which are not modelled.
 pub(super) fn regular_trigger(select: u32) -> Option<TimerId> {
     match select & 15 {
         6 => Some(TimerId::Tim2),
@@ -70,7 +70,7 @@ pub(super) fn regular_trigger(select: u32) -> Option<TimerId> {
     }
 }
 
-/// Timer whose TRGO starts the injected group, by JEXTSEL; other triggers are not modelled.
+/// Timer whose TRGO starts the injected group, by JEXTSEL; `None` for other triggers, which are not modelled.
 pub(super) fn injected_trigger(select: u32) -> Option<TimerId> {
     match select & 15 {
         1 => Some(TimerId::Tim1),
@@ -81,7 +81,7 @@ pub(super) fn injected_trigger(select: u32) -> Option<TimerId> {
     }
 }
 
-/// Pin of a channel; channels from 16 on are internal.
+/// Pin of a channel; `None` for the internal channels, from 16 on.
 pub(super) fn pin(channel: u32) -> Option<Pin> {
     match channel {
         0..=7 => Some(Pin::of(0, channel)),

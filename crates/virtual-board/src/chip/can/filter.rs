@@ -1,25 +1,26 @@
 //! Filter banks: which frames go into which FIFO (RM0090, "Identifier filtering").
 //!
-//! Not modelled: identifier lists and 16-bit filters; using one is a finding.
+//! Not modelled: identifier lists and 16-bit filters; the use of these is a finding.
 
 use crate::wire::{Frame, Id};
 
 /// Banks of CAN1 and CAN2 together.
 pub(super) const BANKS: usize = 28;
-/// One bit for each bank.
+/// Mask of all banks, one bit each.
 pub(super) const ALL: u32 = (1 << BANKS) - 1;
 /// FMR: initialisation mode of the filters.
 pub(super) const FINIT: u32 = 1;
 
-/// Registers of the filters.
+/// Registers of the filters. In `mode`, `scale`, `assignment` and `active`, bit n belongs to bank n.
 #[derive(Clone)]
 pub(super) struct Filters {
     pub fmr: u32,
-    /// Identifier list instead of mask: counted in filter numbers, not modelled otherwise.
+    /// Banks with an identifier list instead of a mask. A list counts in the filter numbers; its matching is not
+    /// modelled.
     pub mode: u32,
-    /// One 32-bit filter instead of two 16-bit filters, which are not modelled.
+    /// Banks with one 32-bit filter instead of two 16-bit filters, which are not modelled.
     pub scale: u32,
-    /// Assigned to FIFO 1 instead of FIFO 0.
+    /// Banks assigned to FIFO 1 instead of FIFO 0.
     pub assignment: u32,
     pub active: u32,
     pub banks: [[u32; 2]; BANKS],
@@ -60,7 +61,7 @@ impl Filters {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
 
-    /// Destination of a frame, from the first matching bank.
+    /// Destination of a frame, from the first matching bank; `None` if no bank matches, or in initialisation mode.
     pub fn find(&self, frame: &Frame) -> Option<Match> {
         if self.fmr & FINIT != 0 {
             return None;

@@ -2,7 +2,7 @@
 
 use crate::wire::{Frame, Id};
 
-// Bits of TSR for mailbox 0; those of each next mailbox are 8 bits higher.
+// Bits of TSR for mailbox 0; the bits of each next mailbox are 8 positions higher.
 bits! { pub(super):
     RQCP 0, TXOK 1, ALST 2, TERR 3, ABRQ 7
 }
@@ -14,9 +14,9 @@ const IDE: u32 = 1 << 2;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
-    /// TIxR, TDTxR, TDLxR, TDHxR.
+    /// Registers TIxR, TDTxR, TDLxR, TDHxR.
     pub words: [u32; 4],
-    /// RQCP, TXOK, ALST, TERR, ABRQ.
+    /// Flags RQCP, TXOK, ALST, TERR, ABRQ.
     pub flags: u32,
 }
 

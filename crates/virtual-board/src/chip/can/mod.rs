@@ -53,19 +53,19 @@ enum Mode {
 #[derive(Clone, Default)]
 pub(crate) struct Can {
     mcr: u32,
-    /// ERRI, SLAKI.
+    /// Flags ERRI, SLAKI.
     msr: u32,
     ier: u32,
-    /// Flags and the last error code.
+    /// Flags of ESR and the last error code.
     esr: u32,
     btr: u32,
     tec: u8,
     rec: u8,
-    /// Acknowledged mode, and the requested one.
+    /// Acknowledged mode, and the mode to which the controller is changing.
     mode: Mode,
     target: Mode,
     mailboxes: [Mailbox; 3],
-    /// Mailbox being transmitted, according to the latest event.
+    /// Mailbox being transmitted according to the latest event; `None` if no transmission is in progress.
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,
@@ -170,8 +170,8 @@ impl Can {
         }
     }
 
-    /// Starts a change of mode. Leaving the bus waits until the present transmission or reception has ended; joining it
-    /// takes eleven recessive bits. All other changes are immediate.
+    /// Starts a change of mode. Leaving the bus waits until the present transmission or reception has ended; joining
+    /// the bus takes eleven recessive bits. All other changes are immediate.
     fn go(&mut self, target: Mode, shared: &mut Shared) {
         self.target = target;
         self.events

@@ -31,7 +31,7 @@ impl Board {
         // One filter that passes all frames to FIFO 0.
         board.write(&[(FMR, 0x2a1c_0e01), (0x20c, 1)]);
         board.write(&[(0x21c, 1), (FMR, 0x2a1c_0e00)]);
-        // 42 MHz / 6 / 7 time quanta.
+        // 42 MHz / 6 / 7 time quanta: 1 Mbit/s.
         board.write(&[(BTR, 4 << 16 | 5)]);
         board
     }
@@ -149,7 +149,7 @@ fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
     assert_eq!(bench.board().read(TSR) >> 24, 0b0001_1001);
     let frame = Frame::new(Id::Standard(0x123), &[1, 2, 3, 4]);
     let mut changes = Vec::new();
-    // The boards are checked in every cycle.
+    // The interrupt lines of the boards are checked in every cycle.
     while changes.len() < 2 {
         let quantum = bench.now;
         for cycle in quantum..quantum + QUANTUM {
@@ -168,7 +168,7 @@ fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
     let [(1, received), (0, sent)] = changes[..] else {
         panic!("{changes:?}");
     };
-    // Earliest time from the request to the sample point of the last bit; the first edge follows within one bit.
+    // Shortest time from the request to the sample point of the last bit. The frame may begin up to one bit later.
     let bits = frame.bits().length() as u64;
     let earliest = (bits - 1) * MICRO + MICRO * 6 / 7;
     let later = sent.checked_sub(earliest);

@@ -2,14 +2,14 @@
 //!
 //! Source: reference manual RM0090, chapter 10. Requests of ADC1 and USART3 are connected. A request is served at once:
 //! the time of arbitration and buses, about ten cycles, is omitted, so the memory port is never late. An item for a
-//! peripheral is read at its request, while the chip reads it one request earlier. A stream that is disabled stops at
-//! once and sets TCIF.
+//! peripheral is read from memory when the peripheral requests the item; the chip reads the item one request earlier. A
+//! stream that is disabled stops at once and sets TCIF.
 //!
 //! A stream does not start while one of its flags is set (forbidden by the manual). Such a start is a finding; so is
 //! writing the setup of a running stream, which has no effect.
 //!
 //! Not modelled: FIFO, double buffers, memory-to-memory transfers, incremented peripheral addresses, the peripheral as
-//! flow controller, bursts. Enabling a stream that needs one is a finding, and the stream does not start.
+//! flow controller, bursts. Enabling a stream that needs one of these is a finding, and the stream does not start.
 
 mod stream;
 #[cfg(test)]
@@ -67,7 +67,7 @@ fn shift(stream: usize) -> u32 {
 pub(crate) struct Dma {
     controller: Controller,
     streams: [Stream; 8],
-    /// Stream assigned to each request.
+    /// Enabled stream that serves each request; `None` if there is no such stream.
     assigned_streams: [Option<usize>; Request::COUNT],
 }
 
@@ -85,7 +85,7 @@ impl Dma {
         format!("DMA{} stream {stream}", self.controller as usize + 1)
     }
 
-    /// Stream assigned to a request.
+    /// Enabled stream that serves a request; `None` if there is no such stream.
     pub fn assigned_stream(&self, request: Request) -> Option<usize> {
         self.assigned_streams[request as usize]
     }

@@ -86,7 +86,7 @@ impl<const N: usize> Cache<N> {
         self.place[line as usize % LINES] != 0
     }
 
-    /// Entry of a cached line, which becomes the most recently used.
+    /// Entry of a line, which becomes the most recently used; `None` if the line is not cached.
     #[inline]
     fn hit(&mut self, line: u32) -> Option<usize> {
         let entry = usize::from(self.place[line as usize % LINES]).checked_sub(1)?;
@@ -251,7 +251,7 @@ mod tests {
         let mut art = set(5 | 1 << 8);
         // Eight instructions of one cycle each: the next line arrives after six.
         assert_eq!(run(&mut art, 0..4, 8), [5, 0, 0, 0]);
-        // Four instructions: two cycles are missing at each line.
+        // Four instructions take four of the six cycles of a prefetch: the core waits two cycles at each line.
         let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
     }

@@ -9,7 +9,7 @@ pub(super) const LENGTH: usize = 1 << 20;
 pub(super) const BASE: u32 = super::super::FLASH;
 pub(super) const SECTORS: u32 = 12;
 
-/// Offset in the main memory of an address.
+/// Offset of an address in the main memory; `None` if the address is elsewhere.
 #[inline]
 pub(super) fn main(address: u32) -> Option<usize> {
     let at = address.wrapping_sub(BASE) as usize;
@@ -20,7 +20,7 @@ pub(super) fn main(address: u32) -> Option<usize> {
     ((address as usize) < LENGTH).then_some(address as usize)
 }
 
-/// First and last byte of a sector.
+/// First and last byte of a sector; `None` if there is no such sector.
 pub(super) fn sector(number: u32) -> Option<(usize, usize)> {
     let kib = |k: usize| k << 10;
     let (first, length) = match number {

@@ -2,8 +2,8 @@
 //!
 //! Source: reference manual RM0090, chapter 3; times are the typical values of the data sheet. Erasing sets bits,
 //! programming clears them. While an operation runs, the core stalls at its next fetch or load from the flash, cached
-//! or not. A reset during an operation leaves unreliable content: random bits of the programmed word; bytes of the
-//! sector that are old, erased or in between.
+//! or not. A reset during an operation leaves unreliable content: some of the bits to be programmed are zero; each byte
+//! of an interrupted erase is old, erased, partly erased or random.
 //!
 //! An instruction cache that is not reset after an erase has no effect here; a data cache returns the old bytes. The
 //! option bytes are those of a new chip, except the brown-out level, which comes from
@@ -58,7 +58,7 @@ const SLOWEST_HZ: u64 = 1_000_000;
 /// Operation in progress; takes effect at its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Operation {
-    /// Programs a value at a place in the main memory; `clears` are the bits that become zero.
+    /// Programs at the offset `place` of the main memory; `clears` are the bits that become zero.
     Program {
         place: usize,
         width: Width,
@@ -71,9 +71,9 @@ enum Operation {
 /// Operation that the program has begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashOperation {
-    /// Start time.
+    /// Start time of the operation.
     pub at: Time,
-    /// Duration.
+    /// Duration of the operation, without interruption.
     pub takes: Time,
     /// True for an erase, false for programming.
     pub erases: bool,
@@ -102,7 +102,7 @@ pub(crate) struct Flash {
     busy_until: Time,
     changed: Option<(u32, u32)>,
     begun: Vec<FlashOperation>,
-    /// Number of operations interrupted by a reset.
+    /// Number of operations interrupted by a reset or a power cut; varies the random content.
     cuts: u64,
 }
 
@@ -188,7 +188,7 @@ impl Flash {
         Some(super::bus::get(&self.bytes, at, width))
     }
 
-    /// Value of a load by the program; advances `cycle` by the time of the access.
+    /// Value of a load by the program; `None` if the address is elsewhere. Advances `cycle` by the time of the access.
     #[inline]
     pub fn load(&mut self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
         let place = layout::main(at.address)?;
@@ -355,7 +355,7 @@ impl Flash {
         }
     }
 
-    /// First and last address of the bytes changed since the last call.
+    /// First and last address of the bytes changed since the last call; `None` without a change.
     #[inline]
     pub fn take_changed(&mut self) -> Option<(u32, u32)> {
         self.changed.take()

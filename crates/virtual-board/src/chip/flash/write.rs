@@ -3,7 +3,7 @@
 use super::*;
 
 impl Flash {
-    /// Takes a key; true if it completes the unlock sequence.
+    /// Handles a key that the program writes; true if the key completes the unlock sequence.
     pub(super) fn key(&mut self, value: u32, shared: &mut Shared) -> bool {
         let given = &mut self.keys;
         match *given {

@@ -24,7 +24,7 @@ fn output_drives_its_pin_and_the_circuit_is_called() {
             }
         ]
     );
-    // The halfword of BSRR that resets.
+    // The upper halfword of BSRR resets the output.
     gpio.write(PORT_B + 0x18, 1 << 29, 0xffff_0000, &mut shared);
     assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
     assert_eq!(gpio.read(PORT_B + 0x14, &mut shared), 0);

@@ -10,7 +10,7 @@
 //! Not modelled: clock outputs MCO, PLLI2S, an external clock instead of the crystal (HSEBYP), the low-speed crystal,
 //! spread spectrum, trimming of the internal oscillator; enabling one is a finding. Clock enables for sleep mode are
 //! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs at least two
-//! cycles (errata sheet, 2.1.13), so an earlier access is a finding (see `enabled.rs`).
+//! cycles (errata sheet, 2.1.13), so an early access without a DSB is a finding (see `enabled.rs`).
 
 mod tree;
 
@@ -78,7 +78,7 @@ const BDRST: u32 = 1 << 16;
 #[derive(Clone, Copy, Debug, Default)]
 struct Oscillator {
     ready: bool,
-    /// Time at which the oscillator becomes ready.
+    /// Time at which the oscillator becomes ready; `None` if it is not starting.
     due: Option<Time>,
 }
 
@@ -114,7 +114,7 @@ pub(crate) struct Rcc {
     clocks: Clocks,
     /// True if the core clock has failed.
     stalled: bool,
-    /// Time at which the reset is released.
+    /// Time at which the reset is released; `None` after the release.
     release: Option<Time>,
 }
 

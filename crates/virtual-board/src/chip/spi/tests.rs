@@ -118,7 +118,7 @@ fn misuse_of_the_spi_is_a_finding() {
     let mut bench = disabled();
     bench.write(&[(CR2, TXDMAEN), (CR1, LSBFIRST)]);
     assert_eq!(bench.shared.kinds(), [FindingKind::NotModelled; 2]);
-    // The highest PCLK2, divided by two.
+    // PCLK2 of 168 MHz, divided by two, exceeds the limit of 42 MHz.
     let mut bench = disabled();
     bench.shared.clocks.apb2 = 1;
     bench.write(&[(CR1, MSTR | SSM | SSI | SPE)]);

@@ -2,7 +2,7 @@
 
 use crate::time::Cycles;
 
-/// A stretch of counting in one direction, up to the step at which the counter turns or restarts.
+/// Leg: counting in one direction, up to the step at which the counter turns or restarts.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
     /// Cycle at which the counter was at `from` with the prescaler at zero.
@@ -19,7 +19,7 @@ struct Leg {
 pub(super) enum Turn {
     Overflow,
     Underflow,
-    /// At the full width, from above the reload value.
+    /// The counter, which was above the reload value, exceeds its full width.
     Wrap,
 }
 
@@ -156,7 +156,7 @@ impl Counter {
         self.value = from;
         self.leg = None;
         if self.reload == 0 {
-            // Manual: the counter is blocked.
+            // Manual: a reload value of 0 blocks the counter.
             return;
         }
         if self.centred && (from == 0 || from == self.reload) {
@@ -179,7 +179,7 @@ impl Counter {
         });
     }
 
-    /// Cycle at which the leg ends.
+    /// Cycle at which the leg ends; `None` if the counter is stopped or blocked.
     pub fn end(&self) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         Some(leg.start + leg.length * self.step)
@@ -208,7 +208,7 @@ impl Counter {
         self.begin(from, end);
     }
 
-    /// Cycle at which the counter reaches a value on this leg; `None` if not on this leg.
+    /// Cycle at which the counter reaches `value` on this leg; `None` if this leg does not reach the value.
     pub fn meets(&self, value: u32) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         let steps = if self.up {
@@ -219,7 +219,7 @@ impl Counter {
         (steps < leg.length).then(|| leg.start + steps * self.step)
     }
 
-    /// Skips the whole stretches of `legs` count-up or count-down legs that have passed by `now`.
+    /// Skips as many whole groups of `legs` legs as have passed by `now`. A leg has its full length.
     pub fn skip(&mut self, legs: u64, now: Cycles) {
         if let Some(leg) = &mut self.leg {
             let length = u64::from(self.reload) + u64::from(!self.centred);
@@ -280,7 +280,7 @@ mod tests {
         (counter.reload, counter.centred) = (7, true);
         counter.start(0);
         counter.skip(4, 1000);
-        // 35 stretches of 28 cycles.
+        // 35 groups of four legs, 28 cycles each.
         assert_eq!((counter.end(), counter.value(983)), (Some(987), 3));
     }
 }

@@ -52,9 +52,9 @@ pub(super) struct Input {
     raw: bool,
     /// Level behind the filter.
     pub level: bool,
-    /// Cycle at which the filter passes the new level.
+    /// Cycle at which the filter passes the new level; `None` if the filter does not run.
     pub due: Option<Cycles>,
-    /// Cycle at which the pin returned to the old level meanwhile.
+    /// Latest cycle at which the pin returned to the filtered level.
     back: Cycles,
 }
 
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn filter_times_match_the_manual() {
-        // ICxF, and the shortest pulse that always passes, in cycles of the timer's clock with f_DTS equal to it.
+        // ICxF, and the shortest pulse that always passes, in cycles of the timer's clock. f_DTS equals this clock.
         for (bits, time) in [(1, 2), (3, 8), (4, 12), (7, 32), (10, 80), (15, 256)] {
             let filter = Filter::of(bits, 1, 1);
             assert_eq!(filter.unit * filter.samples, time, "{bits}");

@@ -13,7 +13,7 @@
 //!
 //! Not modelled: output modes except frozen and PWM; complementary outputs with dead time; one-pulse mode; AOE; LOCK;
 //! input capture; slave modes except encoder mode 3 (all edges count); DMA requests; OCxCE; CCPC; TI1S; the remapping
-//! in OR; a prescaler with an encoder. Enabling one is a finding.
+//! in OR; a prescaler with an encoder. Enabling one of these is a finding.
 
 mod counter;
 mod encoder;
@@ -43,9 +43,9 @@ struct Channel {
     /// Active compare value.
     compare: u32,
     mode: Mode,
-    /// OCxREF.
+    /// Level of OCxREF.
     reference: bool,
-    /// Latest result of the PWM comparison.
+    /// Latest result of the PWM comparison, see [`output::is_inside`].
     inside: bool,
     /// Drive of the pin by the output.
     drive: Drive,
@@ -181,7 +181,7 @@ impl Timer {
 
     fn catch_up(&mut self, shared: &mut Shared) {
         let now = shared.now;
-        // After this number of legs the count repeats itself.
+        // After this number of legs, count, direction and repetition counter repeat.
         let stretch = 4 * (self.reg(RCR) + 1);
         let mut legs = 0;
         while let Some(end) = self.counter.end() {
@@ -200,7 +200,7 @@ impl Timer {
         self.matched_until = self.matched_until.max(now);
     }
 
-    /// Channels whose compare match has no effect, one bit each: the flag is set, and the output is frozen.
+    /// Channels whose compare match has no effect, one bit each: the flag is set already, and the output is frozen.
     fn idle(&self) -> u32 {
         let up = self.reg(SR) >> 1 & !self.needs.channels;
         let still = |k: &usize| self.channels[*k].mode == Mode::Frozen;

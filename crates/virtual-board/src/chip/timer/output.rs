@@ -30,8 +30,8 @@ impl Mode {
     }
 }
 
-/// PWM comparison: true if a counter counting up is below the compare value, or one counting down is not above it
-/// (RM0090, OCxM of TIMx_CCMR1).
+/// PWM comparison: true if the counter counts up and is below the compare value, or counts down and is not above the
+/// compare value (RM0090, OCxM of TIMx_CCMR1).
 pub(super) fn is_inside(count: u32, compare: u32, up: bool) -> bool {
     if up {
         count < compare

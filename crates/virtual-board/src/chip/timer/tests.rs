@@ -203,7 +203,7 @@ fn centre_aligned_pulses_are_centred_on_the_underflow() {
 
 #[test]
 fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
-    // RCR was loaded by an update before the start: an odd number ends at the underflow.
+    // An update loaded RCR before the start: with an odd RCR, update events occur only at underflows.
     for (repetition, updates) in [
         (1, vec![200, 400, 600, 800]),
         (2, vec![300, 600, 900]),
@@ -214,7 +214,7 @@ fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
         let expected: Vec<_> = updates.iter().map(|at| at + START).collect();
         assert_eq!(bench.times(TRGO1), expected, "{repetition}");
     }
-    // RCR was written before the start and not loaded: "update at the overflow" in the manual.
+    // RCR was written before the start, without an update that loads it: by the manual, updates occur at overflows.
     let mut bench = centred(1, 0);
     bench.write(&[(RCR, 1)]).pass(START + 600);
     assert_eq!(bench.times(TRGO1), [101, 301, 501]);
@@ -235,8 +235,9 @@ fn reload_value_changed_at_the_overflow_is_the_start_of_the_down_count() {
 
 #[test]
 fn compare_flags_follow_the_centre_aligned_mode() {
-    // Times of the compare flag, as in the manual's figure. Compare value 40: on the way down, up, or both. 0 and 100:
-    // always. 120, beyond the reload value: at the overflow.
+    // Times of the compare flag, as in the manual's figure. At compare value 40, CMS selects whether the flag is set
+    // while counting down, up, or both. At 0 and 100 each mode sets the flag; at 120, beyond the reload value, the
+    // overflow does.
     for (cms, at_40) in [(1, vec![160]), (2, vec![40]), (3, vec![40, 160])] {
         for (compare, times) in [
             (40, at_40.clone()),
@@ -395,7 +396,7 @@ fn halted_or_gated_timer_stops() {
 #[test]
 fn halted_tim1_has_its_outputs_off() {
     let mut bench = TimerBench::new(TimerId::Tim1);
-    // Channel 1 is always active.
+    // The output of channel 1 is always high: the counter stays below the compare value.
     bench.write(&[
         (CCR1, 0xffff),
         (CCMR1, 0x60),
@@ -439,7 +440,7 @@ fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
     assert_eq!(bench.pass(4000).read(CNT), 2);
     bench.input(A, false).pass(5000).input(B, false);
     assert_eq!(bench.pass(6000).read(CNT), 4);
-    // Backward, below zero.
+    // The encoder turns backward, so the count passes below zero.
     let backward = [(B, true), (A, true), (B, false), (A, false)];
     for (k, &(signal, level)) in backward.iter().cycle().take(6).enumerate() {
         bench.input(signal, level).pass(7000 + 1000 * k as u64);

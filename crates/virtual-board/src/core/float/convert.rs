@@ -78,7 +78,7 @@ pub fn to_fixed(a: u32, fixed: Fixed, mode: u32, status: &mut u32) -> u32 {
         Value::Finite(v) => v,
     };
     let shift = value.exponent + fixed.fraction as i32;
-    // Above 33 bits, the result saturates in any case.
+    // The magnitude is at least 2⁴¹: the result saturates.
     if shift > 40 {
         return saturate(value.negative, fixed, status);
     }

@@ -47,7 +47,7 @@ fn supervisor_call_stacks_the_frame_of_the_manual() {
     assert_eq!(words[..5], [0x1000, 0x1001, 0x1002, 0x1003, 0x100c]);
     assert_eq!(words[5..], [0x1234_5679, CODE + 2, 0xa100_0200]);
     assert_eq!(machine.core.xpsr() & 0x1ff, 11);
-    // Return to thread mode restores everything.
+    // The return to thread mode restores stack pointer, link register, flags and program counter.
     machine.chip.program(HANDLERS + 64 * 11, &[0xbe00, 0x4770]);
     assert_eq!(machine.go_on(), 0);
     assert_eq!(machine.r(13), STACK - 4);
@@ -192,7 +192,8 @@ fn line_that_stays_high_interrupts_again() {
 #[test]
 fn masks_hold_back_interrupts_by_priority() {
     let pend = |machine: &mut Machine| machine.set_private(ISPR0, 1);
-    // cpsid i / cpsid f / msr basepri, r0. The priority of the line is 0x20.
+    // The programs begin with cpsid i, cpsid f, msr basepri, r0 (three times) and msr basepri_max, r0. The priority of
+    // the line is 0x20.
     let programs: [(&[u16], u32, bool); 6] = [
         (&[0xb672, 0xbf00, 0xbf00, 0xbe00], 0, false),
         (&[0xb671, 0xbf00, 0xbf00, 0xbe00], 0, false),

@@ -36,7 +36,7 @@ fn usage_fault_status_shows_the_reason() {
         (&[0xee30, 0x0a00], 1 << 19),
         // mrc p15, 0, r0, c0, c0, 0
         (&[0xee10, 0x0f10], 1 << 19),
-        // ldm r0, {r1, r2} from an odd address
+        // ldm r0, {r1, r2}; r0 is not a multiple of 4, here and below
         (&[0xe890, 0x0006], 1 << 24),
         // ldrd r1, r2, [r0]
         (&[0xe9d0, 0x1200], 1 << 24),
@@ -164,7 +164,7 @@ fn fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     assert_eq!(machine.private(HFSR), 0);
     // The stack pointer is at the start of the frame that could not be stored.
     assert_eq!(machine.r(13), 0x2000_0010u32.wrapping_sub(32));
-    // Same with the MPU: both the store and the frame violate the guard region.
+    // With the MPU, both the store and the frame violate the guard region.
     let mut machine = enabled(&[0x6001]).register(0, LOG + 0x104);
     machine.core.set_register(13, LOG + 0x120);
     guard(&mut machine, LOG + 0x100);

@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn changed_code_in_ram_is_executed() {
-    // The program writes movs r2, #imm; bx lr to RAM and calls it, twice.
+    // The program writes movs r2, #imm; bx lr to RAM and calls this code, twice.
     let mut machine = Machine::new(&[
         0x4604, // mov r4, r0
         0x6001, // str r1, [r0]

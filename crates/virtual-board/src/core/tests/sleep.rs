@@ -3,7 +3,7 @@
 use super::*;
 use crate::core::Sleep;
 
-/// A machine with line 0 enabled; the line rises after 500 cycles.
+/// A machine with line 0 enabled; the line rises after 500 cycles and falls 10 cycles later.
 fn rising(program: &[u16]) -> Machine {
     let mut machine = Machine::new(program).handler(16, &[0x2601, 0x4770]);
     machine.set_private(ISER0, 1);

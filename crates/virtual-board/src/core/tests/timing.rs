@@ -119,7 +119,7 @@ fn exception_entry_return_and_tail_chain_take_12_10_and_6_cycles() {
 
 #[test]
 fn cycle_counter_stops_during_sleep() {
-    // ldr r1, [r0]; nop x10; ldr r2, [r0]; wfi; ldr r3, [r0]; bkpt
+    // ldr r1, [r0]; nop x10; ldr r2, [r0]; cpsid i; wfi; ldr r3, [r0]; bkpt
     let mut program = vec![0x6801];
     program.extend([0xbf00; 10]);
     program.extend([0x6802, 0xb672, 0xbf30, 0x6803, 0xbe00]);

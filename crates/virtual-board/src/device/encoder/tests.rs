@@ -2,7 +2,7 @@ use super::*;
 
 const MS: u64 = 1_000_000_000;
 
-/// A quadrature decoder that sees only the levels.
+/// A quadrature decoder that reads only the levels.
 #[derive(Default)]
 struct Decoder {
     last: (bool, bool),
@@ -54,7 +54,8 @@ fn edges_occur_when_the_angle_reaches_them() {
 fn decoder_follows_every_motion() {
     let mut encoder = Encoder::new(EncoderConfig::default());
     let mut decoder = Decoder::default();
-    // Forward, through standstill and backward, in pieces of 1 ms with rounded states.
+    // The wheel turns forward, stops and turns backward. The motion is set anew every millisecond, with a constant
+    // acceleration until then.
     let angle = |t: f64| 3.0 * t - 4.0 * t * t + 0.3 * (20.0 * t).sin();
     let speed = |t: f64| 3.0 - 8.0 * t + 6.0 * (20.0 * t).cos();
     let mut edges = 0;
@@ -96,7 +97,7 @@ fn steady_motion_in_pieces_repeats_no_edge() {
         phase: 0.0,
         ..EncoderConfig::default()
     });
-    // A whole number of counts in 1 ms: each piece begins at an edge, except for rounding.
+    // The wheel turns by a whole number of counts in 1 ms, so each motion begins at an edge, except for rounding.
     let step = 64.0 * TAU / 8192.0;
     let mut edges = 0;
     for k in 0..500u64 {
@@ -108,7 +109,7 @@ fn steady_motion_in_pieces_repeats_no_edge() {
 
 #[test]
 fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
-    // A wheel that turns for 0.1 s: true count and decoded count.
+    // True count and decoded count of a wheel that turns for 0.1 s.
     let turned = |set: &dyn Fn(&mut EncoderFault)| {
         let mut encoder = Encoder::new(EncoderConfig::default());
         let mut fault = EncoderFault::default();
@@ -120,7 +121,7 @@ fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
         decoder.run(&mut encoder, Time(100 * MS));
         (encoder.count(), decoder.count)
     };
-    // The decoder sees only B, so its count stays near 0.
+    // Only B changes, so the decoder counts up and down by 1.
     let (count, decoded) = turned(&|fault| fault.stuck_a = Some(true));
     assert!(decoded.abs() <= 2 && count > 100);
     let (count, decoded) = turned(&|fault| fault.swapped = true);

@@ -1,9 +1,9 @@
 //! A full strain-gauge bridge with instrumentation amplifier and low-pass filter.
 //!
 //! Amplifier: Texas Instruments SBOS501 (INA826: rail-to-rail output, one gain resistor). With four active gauges the
-//! bridge output is `V_ex·K·ε`, and the amplifier output is `V_ex/2 + G·V_ex·(K·ε + offset)`: ratiometric. The low-pass
-//! filter is of first order. Strain is linear in time between two calls of [`Bridge::strain`], so the filter output is
-//! known in closed form and sampling is exact at any time.
+//! bridge output is `V_ex·K·ε`, and the amplifier output is `V_ex/2 + G·V_ex·K·(ε + ε_offset)`: ratiometric. The
+//! low-pass filter is of first order. Strain is linear in time between two calls of [`Bridge::strain`], so the filter
+//! output is known in closed form and sampling is exact at any time.
 
 use crate::device::span_s;
 use crate::noise::Noise;
@@ -38,7 +38,7 @@ pub enum BridgeFault {
     None,
     /// An arm or a lead of the bridge is open: the amplifier input is half the excitation.
     Open {
-        /// True if the counts rise.
+        /// True if the output goes to the upper rail, false for the lower rail.
         up: bool,
     },
     /// The amplifier output is stuck at a rail.
@@ -162,7 +162,7 @@ impl Bridge {
 /// e^(−x); by its series for small x, the usual case between two conversions.
 fn decay(x: f64) -> f64 {
     if x < 0.03 {
-        // The next term is below 10⁻¹².
+        // The next term, x⁶/720, is at most 1.1·10⁻¹².
         1.0 - x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0))))
     } else {
         libm::exp(-x)

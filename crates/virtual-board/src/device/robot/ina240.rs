@@ -143,7 +143,7 @@ mod tests {
         let at = |ns| Time::from_micros(10) + Time::from_nanos(ns);
         let first = amplifier.output(at(0), 0.0, 0.0, edge, 3.3) - 1.65;
         assert!((first - 0.06).abs() < 1e-9);
-        // After five time constants, less than a count of the converter (0.8 mV).
+        // After five time constants the disturbance is less than a count of the converter (0.8 mV).
         let last = amplifier.output(at(2000), 0.0, 0.0, edge, 3.3) - 1.65;
         assert!(last > 0.0 && last < 0.8e-3, "{last}");
     }

@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn resistance_matches_the_table_of_a_10_k_b_3950_part() {
-        // From a manufacturer's table, to its last digit or the spread of B.
+        // Values of a manufacturer's table. The tolerance of 3 % covers the spread of B.
         let thermistor = Thermistor::default();
         for (celsius, ohm) in [
             (0.0, 33_620.0),

@@ -33,7 +33,7 @@ impl Controller {
         self.limit();
     }
 
-    /// Adds 8 to the error counter of the present role, without another flag.
+    /// Adds 8 to the transmit counter of a sender or to the receive counter of a receiver; begins no flag.
     pub(super) fn count(&mut self) {
         if self.sender {
             self.tec += 8;

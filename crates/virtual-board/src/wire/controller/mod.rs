@@ -48,7 +48,7 @@ enum State {
     Frame,
     /// Sends a flag: number of bits so far.
     Flag(u8),
-    /// Waits for the end of the other nodes' flags: number of dominant bits so far.
+    /// Waits for the end of the other nodes' flags: number of dominant bits so far, from 1 again after each eight.
     Await(u8),
     /// Number of recessive bits of a delimiter so far.
     Delimiter(u8),
@@ -82,7 +82,8 @@ pub(crate) struct Controller {
     flag: Flag,
     /// Latest level in a passive flag, which ends after six equal bits.
     flag_level: bool,
-    /// A passive sender met no acknowledgement: only a dominant bit during its flag is counted.
+    /// True if a passive sender met no acknowledgement. This error is counted only if the sender reads a dominant bit
+    /// during its flag.
     uncounted_ack_error: bool,
     /// True if this controller transmits or transmitted the present or latest frame.
     sender: bool,
@@ -99,7 +100,7 @@ pub(crate) struct Controller {
     pub dominant: bool,
     /// Events at the latest sample.
     pub events: Vec<EventKind>,
-    /// Result of a transmission that has ended.
+    /// Transmission that ended at the latest sample, for the wire to take; `None` otherwise.
     pub ended: Option<Ended>,
     pub statistics: Statistics,
 }
@@ -152,12 +153,12 @@ impl Controller {
         )
     }
 
-    /// Settings, once set.
+    /// Settings; `None` until set.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
     }
 
-    /// Frame being transmitted, and the index of its next bit.
+    /// Frame being transmitted, and the index of its next bit; `None` if no transmission is in progress.
     pub fn sending(&self) -> Option<(&Bits, usize)> {
         let (pending, place) = self.sending.as_ref()?;
         Some((&pending.bits, usize::from(*place)))
@@ -267,7 +268,7 @@ impl Controller {
         }
     }
 
-    /// Takes the pending mailbox of highest priority.
+    /// Takes the pending mailbox of highest priority; `None` if no mailbox may be sent.
     fn choose(&mut self) -> Option<Pending> {
         if !self.can_send() {
             return None;
@@ -277,7 +278,7 @@ impl Controller {
         Some(self.pending.swap_remove(place))
     }
 
-    /// Samples a bit; afterwards [`Self::dominant`] is the level for the next bit.
+    /// Samples a bit; afterwards [`Self::dominant`] is true if the controller drives dominant in the next bit.
     pub fn sample(&mut self, dominant: bool, now: Time) {
         let drove = std::mem::take(&mut self.dominant);
         match self.state {
@@ -429,7 +430,7 @@ impl Controller {
         }
     }
 
-    /// Returns the mailbox to the queue after an error or a lost arbitration.
+    /// Returns the mailbox to the queue after an error or a lost arbitration, unless it was aborted.
     fn failed(&mut self, error: Option<ErrorKind>) {
         let Some((pending, _)) = self.sending.take() else {
             return;

@@ -107,16 +107,16 @@ pub struct Drv8874 {
     power: Power,
     supply_v: f64,
     locked_out: bool,
-    /// Over-current: start time, and end of the shutdown that it caused.
+    /// Start of the present over-current, and end of the shutdown after an over-current; `None` if there is none.
     over_since: Option<Time>,
     over_until: Option<Time>,
-    /// End of the off-time of the current regulation.
+    /// End of the off-time of the current regulation; `None` outside of an off-time.
     braking: Option<Time>,
     /// Start of the present or latest pulse, in which the bridge drives the motor.
     driving_since: Time,
     /// End of the latest pulse.
     driven_until: Time,
-    /// Interval in which nFAULT is forced low and the bridge off.
+    /// Interval in which nFAULT is forced low and the bridge off; `None` if never forced.
     forced: Option<(Time, Time)>,
     legs: [Leg; 2],
     /// Voltage of OUT1, V, and its latest edge: time and height, V.

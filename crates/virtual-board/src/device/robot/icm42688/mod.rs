@@ -81,11 +81,11 @@ pub struct Motion {
 /// Faults of a sensor; several may be present at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InertialFault {
-    /// The output line is stuck at this level.
+    /// Level at which the output line is stuck; `None` if the line works.
     pub stuck_output: Option<bool>,
-    /// The data registers are frozen; everything else works.
+    /// True if the data registers are frozen; everything else works.
     pub frozen: bool,
-    /// The data-ready bit stays clear.
+    /// True if the data-ready bit stays clear.
     pub no_data_ready: bool,
 }
 
@@ -107,7 +107,7 @@ pub struct Icm42688 {
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
-    /// End of the present reset.
+    /// End of the present reset; `None` if no reset is in progress.
     resetting: Option<Time>,
     status: u8,
     gyro: Path,

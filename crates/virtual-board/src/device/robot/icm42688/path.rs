@@ -5,7 +5,7 @@ use crate::device::{later, span_s};
 use crate::noise::Noise;
 use crate::time::Time;
 
-/// Lowest rate of the filter steps, Hz; slower outputs decimate.
+/// Lowest rate of the filter steps, Hz. At a lower output data rate, a sample is the result of several steps.
 const MIN_RATE_HZ: f64 = 8000.0;
 
 /// True values of three axes, with slopes.
@@ -59,7 +59,7 @@ pub(super) struct Path {
     noise: Noise,
     clock_error: f64,
     settings: Settings,
-    /// Time of the first sample, if the path is on.
+    /// Time of the first sample; `None` while the path is off.
     first: Option<Time>,
     /// Filter steps since the first sample, and filter steps per sample.
     steps: u64,
@@ -176,7 +176,7 @@ impl Path {
         }
     }
 
-    /// Advances to a time; returns the latest new sample.
+    /// Advances to a time; returns the latest new sample, `None` without a new sample.
     pub fn advance(&mut self, to: Time) -> Option<[i16; 3]> {
         let mut latest = None;
         loop {

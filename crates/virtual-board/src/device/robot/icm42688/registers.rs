@@ -76,7 +76,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(2, 0x05, "ACCEL_CONFIG_STATIC4", [0x62, 0xff, 0xff]),
 ];
 
-/// Register at an address of a bank. REG_BANK_SEL is in every bank.
+/// Register at an address of a bank; `None` if not modelled. REG_BANK_SEL is in every bank.
 pub(super) fn register(bank: u8, address: u8) -> Option<&'static Register> {
     const SELECT: Register = r(0, REG_BANK_SEL, "REG_BANK_SEL", [0x00, 0x07, 0x07]);
     if address == REG_BANK_SEL {
@@ -87,7 +87,7 @@ pub(super) fn register(bank: u8, address: u8) -> Option<&'static Register> {
         .find(|r| r.bank == bank && r.address == address)
 }
 
-/// Output data rate for GYRO_ODR or ACCEL_ODR in low-noise mode, Hz.
+/// Output data rate for GYRO_ODR or ACCEL_ODR in low-noise mode, Hz; `None` for a reserved code.
 pub(super) fn rate_hz(code: u8) -> Option<f64> {
     Some(match code & 15 {
         1 => 32_000.0,
@@ -106,7 +106,7 @@ pub(super) fn rate_hz(code: u8) -> Option<f64> {
     })
 }
 
-/// Bandwidth of the user-interface filter for GYRO_UI_FILT_BW or ACCEL_UI_FILT_BW, Hz.
+/// Bandwidth of the user-interface filter for GYRO_UI_FILT_BW or ACCEL_UI_FILT_BW, Hz; `None` for other codes.
 pub(super) fn bandwidth_hz(code: u8, rate_hz: f64) -> Option<f64> {
     let divisor = match code & 15 {
         0 => return Some(rate_hz / 2.0),

@@ -103,7 +103,7 @@ fn reset_restores_reset_values_and_sets_the_status_bit() {
     let mut bus = Bus::new(noiseless());
     let values = [0x75, 0x4f, 0x51, 0x52, 0x53].map(|address| bus.read(address));
     assert_eq!(values, [0x47, 0x06, 0x16, 0x11, 0x0d]);
-    // INT_STATUS shows the end of the reset once.
+    // Only the first read of INT_STATUS shows the end of the reset.
     assert_eq!([bus.read(0x2d), bus.read(0x2d)], [0x10, 0]);
     assert_eq!(bus.sample(), [i16::MIN; 6]);
     bus.write(0x4f, 0x63);
