@@ -158,14 +158,15 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
 /// Last sentences of the report: the limits that hold, or the failures.
 fn verdict(ticks: u64, problems: &[String]) -> String {
     let trend = match ticks >= MIN_TREND_TICKS {
-        true => "The trend of the NIS is within three standard errors or a tenth of the mean."
+        true => "The NIS does not rise by more than three standard errors and a tenth of its mean; a fall is\n\
+                 allowed, because the filter learns the robot's constants."
             .to_owned(),
         false => format!("The trend of the NIS is checked from {MIN_TREND_TICKS} ticks on."),
     };
     match problems {
         [] => format!(
-            "{trend} The pair error stays\n\
-             within {} mm and {} mrad. Memory grows by at most {MAX_MEMORY_GROWTH_KIB} KiB after the first window.\n",
+            "{trend}\n\
+             The rms error of the relative posture stays within {} mm and {} mrad. Memory grows by at most {MAX_MEMORY_GROWTH_KIB} KiB after the first window.\n",
             1e3 * MAX_RELATIVE_ERROR_M,
             1e3 * MAX_RELATIVE_ERROR_RAD
         ),
