@@ -473,7 +473,7 @@ mod tests {
         };
         assert_eq!(lead(10), Ok(()));
         let refused = lead(0).unwrap_err();
-        assert_eq!(refused, "it comes more than 10000 ms after its tick");
+        assert_eq!(refused, "recorded more than 10000 ms after its tick");
         reader.finish();
         assert_eq!(ticks, [0, 10, MAX_OUTPUT_DELAY_MS + 5]);
     }
