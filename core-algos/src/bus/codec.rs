@@ -56,7 +56,7 @@ pub struct EncodeError {
     pub message: &'static str,
     /// Name of the signal.
     pub signal: &'static str,
-    /// The value.
+    /// Value that cannot be sent.
     pub value: f32,
 }
 

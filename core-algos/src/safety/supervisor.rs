@@ -163,7 +163,7 @@ impl State {
 pub struct Input {
     /// Conditions that hold at this tick.
     pub conditions: Conditions,
-    /// Request, if any.
+    /// Requested change of the operating state; `None` without a request.
     pub request: Option<StateRequest>,
     /// Distance driven since the last tick, m; a value that is not finite uses the allowance up.
     pub moved_m: f32,
