@@ -60,7 +60,7 @@ impl PerGauge {
         }
     }
 
-    /// The values with zeros after the last.
+    /// Values, padded with zeros to [`MAX_GAUGES`].
     pub fn padded(&self) -> [f32; MAX_GAUGES] {
         self.values
     }

@@ -313,7 +313,7 @@ pub enum Refusal<'a> {
     Undecodable,
     /// A parameter is out of range.
     Parameter {
-        /// Name, value and range.
+        /// Name of the parameter, value and allowed range.
         text: &'a str,
     },
     /// The nodes have not been started.

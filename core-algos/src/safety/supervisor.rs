@@ -175,13 +175,13 @@ pub struct Input {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
-    /// The operating state.
+    /// Operating state after this tick.
     pub state: OperatingState,
     /// Permit of the motors.
     pub permit: Permit,
     /// The reason of a stop or fault.
     pub reason: Option<Condition>,
-    /// The state changed at this tick.
+    /// True if the state changed at this tick.
     pub changed: bool,
 }
 

@@ -126,6 +126,6 @@ pub enum Activity {
     Faulted,
     /// Under way with a task.
     Busy,
-    /// Without a task, or done with it.
+    /// No task, or the task has ended.
     Resting,
 }
