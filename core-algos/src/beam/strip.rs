@@ -60,7 +60,7 @@ impl PerGauge {
         }
     }
 
-    /// The values with zeros after the last.
+    /// Values, padded with zeros to [`MAX_GAUGES`].
     pub fn padded(&self) -> [f32; MAX_GAUGES] {
         self.values
     }
@@ -255,15 +255,15 @@ impl Uncertainty {
 /// Standard deviations of the posture's errors due to lasting errors of the gauges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PostureSigmas {
-    /// Error of the bend by the zeros, rad.
+    /// Error of the bend due to the zeros, rad.
     pub zero_rad: f32,
     /// Tilt of the zeros from root to tip: first moment, about the middle, of their curvature error, m.
     pub zero_tilt_m: f32,
-    /// Random walk of the bend error by the zeros, rad/√s.
+    /// Random walk of the bend error due to the zeros, rad/√s.
     pub walk_rad_per_sqrt_s: f32,
     /// Random walk of the tilt of the zeros, m/√s.
     pub walk_tilt_m_per_sqrt_s: f32,
-    /// Relative error of a bend by the gains.
+    /// Relative error of the bend due to the gains.
     pub gain: f32,
     /// Tilt of the gains from root to tip, m per radian of bend.
     pub gain_tilt_m: f32,
@@ -304,9 +304,9 @@ fn at_gauss_nodes(length_m: f32) -> PerGauge {
 }
 
 impl Config {
-    /// Standard deviations of the posture's errors by independent and common errors of the gauges. The strain errors
-    /// are fitted by a line over the position. The correlation of bend and tilt, zero for gauges symmetric about the
-    /// middle, is neglected.
+    /// Standard deviations of the posture's errors due to independent and common errors of the gauges. The strain
+    /// errors are fitted by a line over the position. The correlation of bend and tilt, zero for gauges symmetric about
+    /// the middle, is neglected.
     pub fn sigmas(&self) -> PostureSigmas {
         let count = self.gauges_m.count() as f32;
         let place = |at: f32| (2.0 * at - self.length_m) / self.length_m;

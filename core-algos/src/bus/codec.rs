@@ -56,7 +56,7 @@ pub struct EncodeError {
     pub message: &'static str,
     /// Name of the signal.
     pub signal: &'static str,
-    /// The value.
+    /// Value that cannot be sent.
     pub value: f32,
 }
 
@@ -83,7 +83,7 @@ pub enum DecodeError {
         id: u16,
         /// Length of the frame, bytes.
         found: u8,
-        /// Length of its message, bytes.
+        /// Length of the message with this identifier, bytes.
         expected: u8,
     },
     /// A signal holds an undefined value.

@@ -138,7 +138,7 @@ fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
 
 /// Conversion of a message field to one or more signal values, in the order of the signals.
 pub(super) trait Field: Sized {
-    /// Appends the values.
+    /// Writes the signal values.
     fn write(self, to: &mut IterMut<f32>);
     /// Takes the values; `None` if they are invalid for this type.
     fn read(from: &mut Iter<f32>) -> Option<Self>;

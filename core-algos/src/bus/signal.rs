@@ -99,15 +99,15 @@ impl Signal {
 /// Kind of a message: one for the robot, or one for each axle, frame, board or node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Of {
-    /// The robot.
+    /// One message for the robot.
     Robot,
-    /// Each axle.
+    /// One message for each axle.
     Axle,
-    /// Each frame.
+    /// One message for each frame.
     Frame,
-    /// Each board.
+    /// One message for each board.
     Board,
-    /// Each node that has a status.
+    /// One message for each node that has a status.
     Node,
 }
 

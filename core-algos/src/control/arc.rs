@@ -45,7 +45,7 @@ pub(super) struct Shape {
     pub kappa_slope: f32,
 }
 
-/// Half chord, and terms of its derivatives.
+/// Half the chord, and terms of the half chord's derivatives.
 struct Half {
     sin: f32,
     cos: f32,

@@ -72,7 +72,7 @@ declare! {
     pub enum FrameForce, default Reference {
         /// A disturbance: not compensated, not in ξ.
         Off = "off",
-        /// Pure bending by the reference steering angle.
+        /// Pure bending at the reference steering angle.
         Reference = "reference",
         /// The wrench estimated from the strains of the frame; pure bending if the estimate is missing.
         Beam = "beam",
@@ -319,7 +319,7 @@ impl Dynamic {
                     scale = limit / size;
                 }
             }
-            // The clamp removes an excess by rounding.
+            // The clamp removes an excess due to rounding.
             let limit = self.config.max_torque_nm;
             torque_nm = torque_nm.map(|torque| clamp(scale * torque, -limit, limit));
         }

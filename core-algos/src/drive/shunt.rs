@@ -150,7 +150,7 @@ mod tests {
             // A count is 4 mA.
             assert!((f64::from(read) - current).abs() < 5e-3, "{current} {read}");
         }
-        // 20 counts from either end.
+        // Counts within 20 of either end of the converter's range are refused.
         let readable = [0, 19, 20, 4075, 4076, 4095].map(|count| shunt.read(count, zero).is_some());
         assert_eq!(readable, [false, false, true, true, false, false]);
     }

@@ -25,14 +25,14 @@ pub fn midpoint_seen_from_rear(relative: Posture) -> (Posture, Mat3) {
     )
 }
 
-/// Posture computed from a base posture and the beam's relative posture, with its derivatives by both.
+/// Posture computed from a base posture and the beam's relative posture, with its derivatives with respect to both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
     /// The computed posture.
     pub posture: Posture,
-    /// Derivative by the base posture, along the global axes.
+    /// Derivative with respect to the base posture, along the global axes.
     pub by_base: Mat3,
-    /// Derivative by the relative posture.
+    /// Derivative with respect to the relative posture.
     pub by_relative: Mat3,
 }
 

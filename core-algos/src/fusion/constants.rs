@@ -11,7 +11,7 @@
 //! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m), which also move the middle of an axle that turns |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
-//! | [`SIDE`] | lateral over forward motion of front and rear: axles askew, camber |
+//! | [`SIDE`] | lateral motion per forward motion of front and rear: axles askew, camber |
 //! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond the model [`Tyres`]: mean of the axles and half their difference (rad/m) |
 //! | [`UNEVEN`] | slip of the right tyre beyond the mean of both tyres of an axle, of front and rear (rad/m) |
 //! | [`GYRO_BIAS`] | true yaw rate less reading of the gyros of front and rear (rad/s) |
@@ -43,9 +43,9 @@ pub const GAIN: usize = 2;
 pub const DRIFT: usize = 4;
 /// Scale error of front and rear.
 pub const SCALE: usize = 6;
-/// Scale error of the heading by the wheels of front and rear.
+/// Scale errors of the headings from the wheels, front and rear.
 pub const TURN: usize = 8;
-/// Lateral over forward motion of front and rear.
+/// Lateral motion per forward motion of front and rear.
 pub const SIDE: usize = 10;
 /// Slip per metre under the frame's moment: mean and half the difference of front and rear.
 pub const COMPLIANCE: usize = 12;

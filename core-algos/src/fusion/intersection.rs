@@ -167,7 +167,7 @@ struct Factor {
     l10: f64,
     l20: f64,
     l21: f64,
-    /// D, and its inverse.
+    /// Diagonal of D; `inverse` holds the reciprocals.
     pivots: Vec3,
     inverse: Vec3,
 }

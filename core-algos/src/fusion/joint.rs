@@ -106,7 +106,8 @@ pub struct Joint {
     tyres: Tyres,
     /// Prior variances of the constants.
     prior: [f32; constants::COUNT],
-    /// One over the size of a constant at which its sensor is inconsistent; 0 for a constant that is not estimated.
+    /// Reciprocal of the size of a constant at which its sensor is inconsistent; 0 for a constant that is not
+    /// estimated.
     per_limit: [f32; constants::COUNT],
     /// Factor by which an estimated constant fades per tick.
     kept: f32,

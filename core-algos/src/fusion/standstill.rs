@@ -106,7 +106,7 @@ pub struct Zeroing {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
     value: f32,
-    /// `None` before the first reading at rest.
+    /// Variance of the estimate; `None` before the first reading at rest.
     variance: Option<f32>,
     /// True if a reading of the current rest was beyond the limit.
     beyond: bool,

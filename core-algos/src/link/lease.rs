@@ -37,7 +37,7 @@ pub enum Denied {
 /// Lease of the front board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
-    /// The latest order, and its time.
+    /// Stamp and time of arrival of the latest order; `None` before the first order.
     latest: Option<(Stamp, Micros)>,
     /// True from an order to the end of the lease.
     held: bool,

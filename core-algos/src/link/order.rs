@@ -30,16 +30,16 @@ pub enum Order {
     Task(Task),
     /// Appends points to the path.
     Path {
-        /// The points.
+        /// Points in order of the path.
         points: [Option<PathPoint>; POINTS],
-        /// True if they are the last.
+        /// True if these are the last points of the path.
         end: bool,
     },
     /// Appends points to the trajectory.
     Trajectory {
-        /// The points.
+        /// Points in order of time.
         points: [Option<TrajectoryPoint>; POINTS],
-        /// True if they are the last.
+        /// True if these are the last points of the trajectory.
         end: bool,
     },
     /// The commanding host is lost: a moving robot stops.

@@ -55,7 +55,7 @@ pub enum Request<'a> {
         total: u16,
         /// Offset of this part, bytes.
         offset: u16,
-        /// The part.
+        /// Bytes of this part.
         bytes: &'a [u8],
     },
     /// Builds the nodes from the received configuration.
@@ -112,9 +112,9 @@ pub enum Request<'a> {
     },
     /// Sets a parameter. A reset discards the value unless [`Self::SaveParameters`] stored it. Motors must be off.
     SetParameter {
-        /// Index in the table.
+        /// Index in [`crate::params::TABLE`].
         index: u8,
-        /// The value.
+        /// New value of the parameter.
         value: f32,
     },
     /// Writes changed parameters to the store. Motors must be off.
@@ -123,7 +123,7 @@ pub enum Request<'a> {
     Watch,
     /// Requests that a driving board forward a request to another board over the bus.
     Relay {
-        /// Destination.
+        /// Board that receives the request.
         role: Role,
         /// Number and request, encoded as for a direct link.
         payload: &'a [u8],
@@ -205,11 +205,11 @@ pub enum Reply<'a> {
     },
     /// A parameter that the board keeps.
     Parameter {
-        /// The value.
+        /// Present value of the parameter.
         value: f32,
         /// Source of the value at the board's start, or at the latest save.
         source: Source,
-        /// True if the board would have this value after a reset.
+        /// True if the value would remain after a reset.
         saved: bool,
     },
     /// The parameters are stored.
@@ -246,7 +246,7 @@ pub enum Reply<'a> {
     Configuration {
         /// Length of the encoded configuration, bytes.
         total: u16,
-        /// The part.
+        /// Bytes of this part.
         bytes: &'a [u8],
     },
 }
@@ -313,7 +313,7 @@ pub enum Refusal<'a> {
     Undecodable,
     /// A parameter is out of range.
     Parameter {
-        /// Name, value and range.
+        /// Name of the parameter, value and allowed range.
         text: &'a str,
     },
     /// The nodes have not been started.

@@ -78,7 +78,7 @@ pub enum MotorState {
 pub struct Station {
     /// Time of the board, µs.
     pub now: Micros,
-    /// Motor state.
+    /// State of the board's motors, or of the robot's motors on a board without motors.
     pub motors: MotorState,
     /// Host that commands the robot.
     pub lease: Lease,
@@ -369,7 +369,7 @@ impl RunLink {
         }
     }
 
-    /// Answers the pending order with its result.
+    /// Answers the pending order with the result `done`; without a pending order, does nothing.
     pub fn done(&mut self, done: Result<(), PathError>, send: &mut impl FnMut(&[u8])) {
         let Some(number) = self.pending.take() else {
             return;

@@ -20,7 +20,7 @@ use crate::topology::Role;
 /// Contents to write to a store.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Save {
-    /// The parameters.
+    /// Parameters to store.
     pub settings: Settings,
     /// Parameters of the board with an empty store.
     pub base: Settings,
@@ -44,7 +44,6 @@ pub struct StoredParameters {
     /// Values after a reset.
     stored: Settings,
     report: StoreReport,
-    /// Current values.
     settings: Settings,
 }
 

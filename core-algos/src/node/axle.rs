@@ -111,7 +111,7 @@ pub struct State {
     followed: Option<AxleReference>,
     /// Coordinated stop under way; `None` outside of a stop.
     stop: Option<Stop>,
-    /// True if the stop is over.
+    /// True if the coordinated stop is over.
     halted: bool,
     peers: Peers,
     supervisor: supervisor::State,

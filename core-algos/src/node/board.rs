@@ -72,7 +72,7 @@ pub struct Output {
 pub enum Board {
     /// Board of an axle.
     Axle {
-        /// The axle.
+        /// Node of the axle.
         axle: AxleNode,
         /// The lead node, on one board of a robot.
         lead: Option<LeadNode>,
@@ -89,7 +89,7 @@ pub enum Board {
 pub enum Ready {
     /// For [`Board::Axle`].
     Axle {
-        /// The axle.
+        /// Node of the axle.
         axle: AxleNode,
         /// Algorithms of the lead node, if the board has it.
         lead: Option<lead::Algorithms>,

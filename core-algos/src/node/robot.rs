@@ -29,7 +29,7 @@ declare! {
         pub half_track_m: f32 = 0.162, "m": Range(0.02, 2.0);
         /// Radius of the wheels (the paper's r_w).
         pub wheel_radius_m: f32 = 0.073, "m": Range(0.01, 0.5);
-        /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
+        /// Ratio of the right to the left wheel's radius; `wheel_radius_m` is their mean.
         pub wheel_ratio: f32 = 1.0, "": Range(0.8, 1.25);
         /// Encoder counts per revolution of a wheel, gear and edges included.
         pub encoder_counts_per_revolution: u32 = 8192, "": Range(16.0, 1e6);

@@ -17,7 +17,6 @@ pub const ITEM_BYTES: usize = 9;
 pub const MANIFEST_BYTES: usize = 5 + MAX_ID as usize;
 /// Key of the manifest.
 pub const MANIFEST_KEY: u8 = 0;
-/// Version of the manifest.
 const MANIFEST_VERSION: u8 = 1;
 
 /// A stored value.
@@ -27,7 +26,7 @@ pub struct Item {
     pub version: u8,
     /// Generation; rises with every item written.
     pub generation: u32,
-    /// The value.
+    /// Value of the parameter.
     pub value: f32,
 }
 
@@ -102,7 +101,7 @@ pub enum Source {
     /// The default: nothing was ever stored.
     #[default]
     Default,
-    /// The store.
+    /// The store of the board.
     Stored,
     /// The default: the stored value is lost, or only an older copy is left.
     Damaged,

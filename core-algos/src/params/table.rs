@@ -16,15 +16,15 @@ use declare::{Choice, Field, Kind, field_at, find as find_field};
 pub struct Parameter {
     /// Key in the store, 1 to [`MAX_ID`].
     pub id: u8,
-    /// Version of the meaning of its values.
+    /// Version of the parameter's meaning.
     pub version: u8,
     /// Name: path in [`Settings`]; names below `robot` are also keys of a scenario.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// Smallest and largest value.
+    /// Smallest and largest allowed value.
     pub range: (f32, f32),
-    /// True if only whole numbers are values.
+    /// True if only whole numbers are allowed.
     pub whole: bool,
     read: fn(&Settings) -> f32,
     write: fn(&mut Settings, f32),

@@ -55,7 +55,7 @@ pub struct Entry {
     pub hold: Micros,
     /// Meaning of the condition.
     pub meaning: &'static str,
-    /// Remedy.
+    /// User's action that remedies the condition.
     pub remedy: &'static str,
 }
 

@@ -163,7 +163,7 @@ impl State {
 pub struct Input {
     /// Conditions that hold at this tick.
     pub conditions: Conditions,
-    /// Request, if any.
+    /// Requested change of the operating state; `None` without a request.
     pub request: Option<StateRequest>,
     /// Distance driven since the last tick, m; a value that is not finite uses the allowance up.
     pub moved_m: f32,
@@ -175,13 +175,13 @@ pub struct Input {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
-    /// The operating state.
+    /// Operating state after this tick.
     pub state: OperatingState,
     /// Permit of the motors.
     pub permit: Permit,
     /// The reason of a stop or fault.
     pub reason: Option<Condition>,
-    /// The state changed at this tick.
+    /// True if the state changed at this tick.
     pub changed: bool,
 }
 

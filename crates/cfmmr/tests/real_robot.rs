@@ -621,7 +621,7 @@ fn gauges_are_zeroed_through_the_serial_port() {
     let after = zeros(&bench);
     let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!(moved >= 5, "{before:?} {after:?}");
-    // The zeros change by their drift only.
+    // The zeros change due to drift only.
     let largest = before
         .iter()
         .zip(&after)

@@ -96,7 +96,7 @@ impl Recorder {
         }
     }
 
-    /// Appends all words, or none if the ring is too full.
+    /// Appends all words; if the ring has no room for all, appends none and counts one loss.
     fn append(&mut self, words: impl ExactSizeIterator<Item = u32>) {
         let ring = self.0;
         let written = ring.written.load(Ordering::Relaxed);

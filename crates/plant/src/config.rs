@@ -120,11 +120,11 @@ declare! {
         pub static_excess: f64 = 0.0, "": Range(0.0, 1.0);
         /// Slip velocity over which the excess of friction decays.
         pub static_decay_m_s: f64 = 0.05, "m/s": Range(1e-3, 1.0);
-        /// Rolling resistance coefficient: resisting torque over load times radius.
+        /// Rolling resistance coefficient: resisting torque divided by load times radius.
         pub rolling_resistance: f64 = 0.0, "": Range(0.0, 0.5);
-        /// Side slip of each axle that rolls free of force: motion aside, positive to the left, over motion ahead.
+        /// Side slip of each axle that rolls free of force: motion aside, positive to the left, per motion ahead.
         pub side_slip: PerAxle<f64> = [0.0].into(), "": Range(-0.1, 0.1);
-        /// Carpet drift of a wheel along x and y of the floor: displacement by the floor over the distance rolled.
+        /// Carpet drift of a wheel along x and y of the floor: displacement by the floor per distance rolled.
         pub carpet_drift: [f64; 2] = [0.0; 2], "": Range(-0.1, 0.1);
         /// Relative decrease of the rolling radius at twice the load of the bare robot at rest.
         pub radius_load_sensitivity: f64 = 0.0, "": Range(0.0, 0.1);

@@ -56,7 +56,7 @@ pub struct Plant {
     half_track: Vec<f64>,
     tolerance: f64,
     current_share: f64,
-    /// Displacement by the floor over the distance rolled, global.
+    /// Displacement by the floor per distance rolled, global.
     carpet: [f64; 2],
     /// Gravity along the floor, global, m/s²; `None` on a level floor.
     gravity: Option<[f64; 2]>,
@@ -72,7 +72,7 @@ pub struct Plant {
 #[derive(Clone, Debug)]
 struct Group {
     wheels: Wheels,
-    /// Conditions of the wheels; the command is the output of the current loop.
+    /// Inputs of the wheel model; `command` is the torque after the lag of the current loop.
     conditions: Conditions,
     drivetrain: Drivetrain,
 }

@@ -137,7 +137,7 @@ pub struct Loads {
     pub now: Vec<[f64; 2]>,
 }
 
-/// Load on an axle per unit of pitching moment over the distance of neighbouring axles.
+/// Load on an axle per unit of M/l, with pitching moment M and distance l of neighbouring axles.
 fn pitch_share(axle: usize, axles: usize) -> f64 {
     let middle = (axles as f64 - 1.0) / 2.0;
     let squares: f64 = (0..axles)

@@ -177,7 +177,8 @@ impl Reference {
         [fx, fy, moment, moment + end[0] * fy - end[1] * fx]
     }
 
-    /// Displacement of a wheel that rolls free of force, over the distance rolled, global.
+    /// Displacement per distance rolled of a wheel without tyre force: direction, side slip and carpet drift, global
+    /// coordinates.
     fn rolling(&self, heading: f64, i: usize, speed: f64) -> [f64; 2] {
         let c = &self.config;
         let (s, co) = libm::sincos(heading);
@@ -188,7 +189,7 @@ impl Reference {
         ]
     }
 
-    /// Force of a tyre over its slip velocity, N s/m.
+    /// Force of a tyre per slip velocity, N s/m.
     fn grip(&self, (i, side): (usize, usize), slip: f64, rolled: f64, load: f64) -> f64 {
         let c = &self.config;
         let highest = c.friction * (1.0 + c.static_excess);

@@ -3,7 +3,7 @@
 //! **Tyre.** Force = −μ(|s|)·N·s/(|s| + v_eps) with slip s = (forward − r·Ω, left), so that forward
 //! and sideways slip share one friction circle. [`Tyre::Creep`] has a constant v_eps.
 //! [`Tyre::Brush`] has v_eps = μ(0)·|r·Ω|/C, at least that of a wheel at rest: at small slip the
-//! force is C·N times the slip over the speed of rolling, the slip stiffness of the brush model, and
+//! force is C·N times the slip divided by the speed of rolling, the slip stiffness of the brush model, and
 //! at large slip it is μN (Pacejka, *Tire and Vehicle Dynamics*, 3rd edition, 2012, chapter 3; the
 //! hyperbola between the two limits stands for the brush model's cubic, as in Dugoff, Fancher and
 //! Segel, SAE 700377, 1970).
@@ -35,7 +35,7 @@ const ROLLING_FADE_RAD_S: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
-    /// Slip velocity at half the friction, over the rolling speed; `creep` is the least such slip velocity, m/s.
+    /// Slip velocity at half the friction, per rolling speed; `creep` is the least such slip velocity, m/s.
     compliance: [f64; 4],
     creep: f64,
     /// Weight between the secant (0) and the tangent (1) of force over slip in the linearisation. The step is of second
@@ -50,7 +50,7 @@ pub struct Wheels {
     meshed: [f64; 4],
     any_disengaged: bool,
     rolling: f64,
-    /// Side slip of each wheel: motion aside over motion ahead.
+    /// Side slip of each wheel: motion aside per motion ahead.
     side: [f64; 4],
     has_drift: bool,
     stall: f64,
@@ -74,7 +74,7 @@ pub struct Conditions {
     pub command: [f64; 4],
     /// Cogging torque, N m.
     pub cogging: [f64; 4],
-    /// Displacement by the ground, forward and left, over the distance rolled.
+    /// Displacement by the ground per distance rolled, forward and left.
     pub drift: [[f64; 4]; 2],
 }
 
@@ -298,7 +298,7 @@ impl Wheels {
 /// of the tyres on the axles.
 #[derive(Clone, Copy, Debug)]
 pub struct Eliminated<V> {
-    /// h over the wheel's effective inertia.
+    /// h divided by the wheel's effective inertia.
     gain: V,
     /// Reduced slope, forward-forward, forward-left, left-left.
     slope: [V; 3],
@@ -453,7 +453,7 @@ mod tests {
         }
     }
 
-    /// Force over load is C times slip over rolling, ahead and aside, with and without stiction.
+    /// Force per load is C times slip velocity per rolling speed, ahead and aside, with and without stiction.
     #[test]
     fn brush_tyre_has_its_slip_stiffness_at_small_slip() {
         for excess in [0.0, 0.2] {

@@ -21,7 +21,7 @@ fn strip() -> Strip {
     Strip::new(LENGTH, BENDING, AXIAL, 0.0)
 }
 
-/// Errors of wrench and gauge curvature, each over the largest value of its kind.
+/// Errors of wrench and gauge curvature, each divided by the largest value of its kind.
 fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     let end = strip.shoot(load).end;
     let seed = strip.curvature(load, &PLACES);
@@ -29,7 +29,7 @@ fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     let found = fast.find(end, &PLACES, &seed);
     let (found, stable) = found.unwrap_or_else(|| panic!("no equilibrium for {load:?}"));
     let (a, b) = (strip.wrench(load, end), fast.wrench(&found));
-    // A moment counts as moment over length.
+    // A moment counts as moment divided by length.
     let unit = [1.0, 1.0, 1.0 / LENGTH];
     let norm = |v: [f64; 3]| (0..3).map(|i| (v[i] * unit[i]).powi(2)).sum::<f64>().sqrt();
     let wrench = norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]]) / norm(a);

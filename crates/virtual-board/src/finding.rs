@@ -90,7 +90,7 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// Notes an occurrence.
+    /// Records an occurrence of a finding.
     #[cold]
     pub fn note(&mut self, kind: FindingKind, pc: u32, at: Time, text: impl Into<String>) {
         let text = text.into();

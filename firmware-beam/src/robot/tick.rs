@@ -34,7 +34,7 @@ const SUPPLY_V: f32 = 3.3;
 pub struct BeamReport {
     /// Health of the tick.
     pub health: Health,
-    /// Excitation over its nominal value.
+    /// Excitation divided by its nominal value.
     pub excitation: f32,
     /// Temperature of the strip, °C.
     pub temperature_c: Option<f32>,

@@ -278,8 +278,7 @@ impl RunEnd {
         (self.kind == EndKind::Uncertain).then(|| format!("{}; {remedy}", self.text()))
     }
 
-    /// Error of the command if the task was not carried out; `None` if the task was carried out or the user ended the
-    /// run.
+    /// Error message of the run; `None` if the task was carried out or the user ended the run.
     pub fn failure(&self) -> Option<String> {
         if self.is_success() || self.kind == EndKind::Interrupted {
             return None;

@@ -34,7 +34,7 @@ pub struct Outcome {
     /// Largest true curvature from the bend of the frame over the task, at rest too, 1/m: paper eq. 5 of half
     /// the angle between the axles.
     pub max_curvature: f64,
-    /// Largest true curvature of the midpoint's path, turn over distance, at speeds above
+    /// Largest true curvature of the midpoint's path, turn per distance, at speeds above
     /// [`PATH_CURVATURE_SPEED_M_S`], 1/m.
     pub max_path_curvature: f64,
     /// Largest curvature the governor commanded over the task, 1/m.
@@ -214,8 +214,8 @@ pub fn regulate_on(
     })
 }
 
-/// Curvature (1/m) of the midpoint's path at a steering angle ψ (rad): 2 tan ψ over the distance of the axles, which is
-/// paper eq. 5 without rigid ends.
+/// Curvature (1/m) of the midpoint's path at a steering angle ψ (rad): 2 tan ψ divided by the distance of the
+/// axles, which is paper eq. 5 without rigid ends.
 pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
     let (length, rigid) = (geometry.frame_length_m, geometry.rigid_end_m);
     let ratio = match steering.abs() < 1e-9 {

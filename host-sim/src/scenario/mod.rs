@@ -54,7 +54,7 @@ table! {
         /// Standard deviation of the start heading, as configured in the robot.
         pub placement_rad: f64 = 1e-2, "rad": Range(0.0, 3.2);
         /// Standard deviation of the floor drift along each axis of the floor, as configured in the robot: displacement
-        /// by the floor over the distance rolled.
+        /// by the floor per distance rolled.
         pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
     }
 }

@@ -117,7 +117,7 @@ pub struct TargetReport {
 }
 
 impl TargetReport {
-    /// Violation of the stack budget, if any.
+    /// Violation of the stack budget; `None` if there is none.
     pub fn stack_excess(&self) -> Option<String> {
         let stack = self.stack.filter(StackUse::is_beyond)?;
         Some(format!(

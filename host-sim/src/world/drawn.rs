@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct Drawn {
     /// True rolling radius over nominal, by axle and wheel.
     pub wheel_radius_factor: Vec<[f64; 2]>,
-    /// True track over nominal, by axle.
+    /// Ratio of true to nominal track, by axle.
     pub track_factor: Vec<f64>,
     /// True minus intended start posture of O: x (m), y (m), heading (rad).
     pub placement: [f64; 3],

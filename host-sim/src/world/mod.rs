@@ -112,7 +112,7 @@ table! {
         pub placement_m: f64 = 5e-3, "m": NonNegative;
         /// Standard deviation of the start heading.
         pub placement_rad: f64 = 1e-2, "rad": NonNegative;
-        /// Standard deviation of the floor drift along each axis of the floor: displacement by the floor over the
+        /// Standard deviation of the floor drift along each axis of the floor: displacement by the floor per
         /// distance rolled.
         pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
     }

@@ -17,9 +17,9 @@ table! {
         pub bending_stiffness: f64 = 0.0, "": Range(0.0, 0.1);
         /// Standard deviation of the strip's length.
         pub strip_length_m: f64 = 0.0, "m": Range(0.0, 0.01);
-        /// Standard deviation of each axle's side slip: motion aside over motion ahead.
+        /// Standard deviation of each axle's side slip: motion aside per motion ahead.
         pub side_slip: f64 = 0.0, "": Range(0.0, 0.01);
-        /// Standard deviation of the carpet drift along each axis of the floor: displacement by the floor over the
+        /// Standard deviation of the carpet drift along each axis of the floor: displacement by the floor per
         /// distance rolled.
         pub carpet_drift: f64 = 0.0, "": Range(0.0, 0.02);
         /// Standard deviation of each gear's backlash, from flank to flank at the wheel; the magnitude of the draw
@@ -34,9 +34,9 @@ table! {
 /// Errors of the plant's constants in one robot.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlantErrors {
-    /// Slip stiffness of each wheel over the mean.
+    /// Ratio of each wheel's slip stiffness to the mean.
     pub slip_stiffness_factor: Vec<[f64; 2]>,
-    /// Bending stiffness over the mean.
+    /// Ratio of the bending stiffness to the mean.
     pub bending_stiffness_factor: f64,
     /// Length of the strip minus the mean, m.
     pub strip_length_m: f64,

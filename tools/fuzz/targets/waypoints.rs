@@ -4,7 +4,7 @@
 use host_sim::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, Sample, waypoints};
 use libfuzzer_sys::fuzz_target;
 
-/// Longest path that is sampled here, m: half a million samples take 1 s.
+/// Upper limit of the sum of chords, m, for speed: a path of `MAX_LENGTH_M` has half a million samples and takes 1 s.
 const LONGEST_M: f64 = 3.0;
 
 fuzz_target!(|data: &[u8]| {

@@ -24,7 +24,7 @@ pub enum Rule {
     Reset,
     /// An update of a value is removed.
     Stale,
-    /// Exchanges the axle, wheel or index of a pair.
+    /// Replaces a name or index by its partner: front and rear, left and right, 0 and 1.
     Swap,
     /// Changes a sign.
     Sign,

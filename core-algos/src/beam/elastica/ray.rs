@@ -34,7 +34,7 @@ impl Ray {
         middle + fx * self.y - fy * self.x
     }
 
-    /// Derivative of [`Self::curvature`] by the parameters.
+    /// Derivative of [`Self::curvature`] with respect to the parameters.
     pub(super) fn curvature_gradient(&self, [_, fx, fy]: Parameters) -> [f32; 3] {
         let mut gradient = [1.0, self.y, -self.x];
         for j in 0..3 {

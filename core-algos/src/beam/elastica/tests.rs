@@ -110,7 +110,7 @@ fn exact(at: &[f64], [middle, fx, fy]: [f64; 3]) -> Vec<f64> {
     curvatures.chain(root).chain(tip).collect()
 }
 
-/// Central differences of [`exact`] by each parameter.
+/// Derivatives of [`exact`] with respect to each parameter, by central differences.
 fn exact_gradient(at: &[f64], parameters: [f64; 3]) -> [Vec<f64>; 3] {
     const STEP: f64 = 1e-4;
     core::array::from_fn(|j| {

@@ -316,7 +316,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         Some(low)
     }
 
-    /// The point of [`Self::index`] and its successor.
+    /// The point of [`Self::index`] and the next point.
     fn segment(&self, value: f32, key: impl Fn(&P) -> f32) -> Option<[P; 2]> {
         let first = self.index(value, key)?;
         Some([self.get(first)?, self.get(first + 1)?])

@@ -27,7 +27,7 @@ fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> IncrementInputs {
     }
 }
 
-/// Heading error of a step of 2 s by a constant of size one.
+/// Heading error of a step of 2 s due to a constant of size one.
 fn heading(axle: usize, gyro_share: f32, constant: usize) -> f32 {
     step(axle, gyro_share).by_constants(&TYRES)[2][constant]
 }

@@ -304,7 +304,7 @@ impl Covariance {
             && crate::math::matrix::is_finite(&self.own)
     }
 
-    /// Change of the posture by a change of the motion: G · `change`.
+    /// Change of the posture due to a change of the motion: G · `change`.
     pub(super) fn follow(&self, change: &[f32; M]) -> [f32; 3] {
         let [x, y, phi] = &self.follow;
         [dot(x, change), dot(y, change), dot(phi, change)]
@@ -321,7 +321,7 @@ impl Covariance {
             dy,
         } = *motion;
         let [x, y, phi] = &mut self.follow;
-        // Derivatives of the heading change and of the distance by the motion states.
+        // Derivatives of the heading change and of the distance with respect to the motion states.
         let turn = [0.0, t, 0.0, half_t2];
         let distance = [t, 0.0, half_t2, 0.0];
         for j in 0..M {

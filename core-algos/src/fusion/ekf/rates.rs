@@ -52,7 +52,7 @@ impl Reduction {
         self.coupling != 0.0
     }
 
-    /// Change of the motion states by the innovations of the sensors and of the acceleration, if neither the
+    /// Change of the motion states due to the innovations of the sensors and of the acceleration, if neither the
     /// measurements nor the covariance correlate (v, v̇) with (φ̇, φ̈).
     pub(super) fn change_by_pairs(
         &self,

@@ -11,7 +11,7 @@ use crate::math::trig::sqrt;
 declare! {
     /// Parameters of the joint filter.
     pub struct Config {
-        /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
+        /// Slip stiffness of the tyres per load (C): rubber on a firm floor 10 to 40.
         pub slip_stiffness: f32 = 20.0, "": Range(1.0, 1e4);
         /// Friction coefficient of the tyres.
         pub friction: f32 = 0.7, "": Positive;
@@ -20,7 +20,7 @@ declare! {
         /// Relative standard deviation of the slip of each tyre beyond the common slip.
         pub tyre_slip_sigma: f32 = 0.3, "": NonNegative;
         /// Standard deviation of an axle's heading drift: relative difference of its wheel radii
-        /// over the track.
+        /// divided by the track.
         // Radii of each wheel known to 0.4 %, 0.324 m apart.
         pub heading_drift_sigma_rad_per_m: f32 = 1.75e-2, "rad/m": NonNegative;
         /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
@@ -28,7 +28,7 @@ declare! {
         /// Standard deviation of the scale error of the headings that the wheels report: relative error
         /// of an axle's track.
         pub turn_scale_sigma: f32 = 1.25e-2, "": NonNegative;
-        /// Standard deviation of an axle's lateral motion over its forward motion.
+        /// Standard deviation of an axle's lateral motion per forward motion.
         pub side_slip_sigma: f32 = 3e-3, "": NonNegative;
         /// Standard deviation of a gyro's bias at the start of a drive.
         // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
@@ -47,8 +47,8 @@ declare! {
         // Uniform over 5 mrad of a wheel with a radius of 73 mm.
         pub play_sigma_m: f32 = 1.1e-4, "m": NonNegative;
         derived {
-            /// Errors of the beam's posture by zeros and gains of the gauges.
-            // Those of the default strip.
+            /// Standard deviations of the beam posture's errors due to zeros and gains of the gauges.
+            // Default: the default strip.
             pub beam: PostureSigmas = strip::Config::default().sigmas();
             /// Half the track (the paper's d).
             pub half_track_m: f32 = 0.162, "m": Positive;

@@ -53,7 +53,7 @@ declare! {
         /// Supervisor.
         pub supervisor: supervisor::Config = supervisor::Config::default();
         derived {
-            /// Radius of the right wheel over that of the left.
+            /// Ratio of the right to the left wheel's radius.
             pub wheel_ratio: f32 = 1.0, "": Range(0.8, 1.25);
         }
     }

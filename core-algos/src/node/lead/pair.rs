@@ -122,7 +122,7 @@ impl Pair {
 /// Estimates of an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fused {
-    /// By pair, front first.
+    /// Output of the fusion for each pair of neighbouring axles, front first.
     pub(super) pairs: [robot::Output; PAIRS],
 }
 

@@ -54,20 +54,20 @@ pub enum Task {
     Clear,
     /// Bring the midpoint to a posture and to rest.
     Regulate {
-        /// The goal.
+        /// Goal posture of the midpoint O.
         goal: Posture,
-        /// Its tolerance.
+        /// Tolerance of the goal.
         within: Tolerance,
     },
     /// Follow the path in the node's buffer from its beginning (see
     /// [`LeadNode::path_task`](super::LeadNode::path_task)), and rest at its end.
     Follow {
-        /// Tolerance of the end.
+        /// Tolerance of the posture at the end of the path.
         within: Tolerance,
     },
     /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
     Track {
-        /// Tolerance of the end.
+        /// Tolerance of the posture at the end of the trajectory.
         within: Tolerance,
     },
     /// Drive with this speed and curvature. The robot stops if the task is not given again within
@@ -126,6 +126,6 @@ pub enum Activity {
     Faulted,
     /// Under way with a task.
     Busy,
-    /// Without a task, or done with it.
+    /// No task, or the task has ended.
     Resting,
 }

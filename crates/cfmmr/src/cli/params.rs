@@ -143,7 +143,6 @@ struct ParameterRow {
     choices: Vec<&'static str>,
 }
 
-/// Change of a parameter.
 #[derive(Debug, Serialize)]
 struct ParameterChange {
     board: &'static str,

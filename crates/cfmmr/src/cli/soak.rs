@@ -53,7 +53,7 @@ const WINDOWS: u64 = 10;
 struct Measured {
     #[serde(flatten)]
     report: SoakReport,
-    /// Simulated time over time taken.
+    /// Simulated time divided by wall-clock time.
     real_time_factor: f64,
     /// Reports of virtual boards.
     boards: Vec<BoardReport>,

@@ -16,7 +16,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Period of the pictures.
 const PICTURE_PERIOD: Duration = Duration::from_millis(50);
 
 /// Timeout of the thread's end.

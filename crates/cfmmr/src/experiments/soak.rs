@@ -69,7 +69,7 @@ pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error
 /// Results of one window of the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Window {
-    /// Last tick.
+    /// Last tick of the window.
     pub end: u64,
     /// Mean NIS of the beam.
     pub nis: f64,
@@ -89,9 +89,9 @@ pub struct Window {
     pub relative_m: f64,
     /// Root mean square error of the relative heading of the axles, rad.
     pub relative_rad: f64,
-    /// Goals reached.
+    /// Number of goals reached.
     pub reached: u64,
-    /// Goals not reached.
+    /// Number of goals not reached.
     pub missed: u64,
     /// Resident memory of this process at the last tick, KiB; `None` without /proc.
     pub resident_kib: Option<u64>,

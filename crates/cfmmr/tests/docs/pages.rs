@@ -29,7 +29,6 @@ pub struct Code {
     pub between: Option<String>,
 }
 
-/// One page.
 pub struct Page {
     /// Path from the root of the repository.
     pub path: PathBuf,
@@ -141,7 +140,6 @@ pub fn parse(path: PathBuf, text: &str) -> Page {
     page
 }
 
-/// Anchor of a heading.
 fn anchor(heading: &str) -> String {
     heading
         .trim()

@@ -82,7 +82,7 @@ fn blank_store_gives_defaults_and_a_save_writes_only_changed_values() {
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(2));
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
     let flash = store.into_flash();
-    // Words written: two items of 8 and 12 bytes, a manifest of 8 and 200 bytes, and the sector's mark.
+    // Words written: two items of 8 + 12 bytes each, a manifest of 8 + 200 bytes, and the sector's mark.
     assert_eq!((flash.steps, flash.erases), (5 + 5 + 52 + 1, 0));
     assert_eq!(load(&flash).0, wanted);
 }
@@ -200,8 +200,8 @@ impl Change {
         steps.map(move |step| save_with_cut(&self.before, &self.wanted, (step, torn(step))))
     }
 
-    /// Checks that a start finds each value as acknowledged or as being written. Counts the changed parameters in
-    /// `found`: [old value, new value].
+    /// Checks that each loaded value is the acknowledged or the new value. Adds the changed parameters to `found`:
+    /// [old value, new value].
     fn assert_found(&self, flash: &TinyFlash, found: &mut [u32; 2]) {
         let (settings, _) = load(flash);
         for parameter in &TABLE {
@@ -271,7 +271,7 @@ fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     const ROUNDS: u32 = 1500;
     let [single, many] = [1, 60].map(|max_bytes| damage(ROUNDS, max_bytes));
     println!("{single:?} {many:?}");
-    // The manifest reveals every loss by a single fault.
+    // The manifest reveals every loss due to a single fault.
     assert!(single.intact > 1000 && single.defaults > 10 && single.undetected == 0);
     // Many faults may hit both a value and the manifest of its save, and such a loss is undetected.
     assert!(many.defaults > 1000 && many.undetected * 200 <= ROUNDS);

@@ -13,9 +13,9 @@ pub fn directions_of<const N: usize, const F: usize>(geometry: &[Geometry; F]) -
     directions
 }
 
-/// Displacement by the floor over the distance rolled, forward and left at the wheels of two axles, in the middle of a
+/// Displacement by the floor per distance rolled, forward and left at the wheels of two axles, in the middle of a
 /// part `h` (s) of a step. `directions` are the axles' directions at the start of the part; `carpet` is the
-/// displacement over the distance in global coordinates.
+/// displacement per distance rolled in global coordinates.
 #[inline(always)]
 pub fn drift(
     carpet: [f64; 2],

@@ -72,7 +72,7 @@ pub struct Can {
     pub sent: u64,
     /// Number of frames received.
     pub received: u64,
-    /// Number of received frames lost by overrun of the FIFO.
+    /// Number of received frames lost due to overruns of the FIFO.
     pub overrun: u64,
     /// Number of frames abandoned unsent after all boards were ready.
     pub lost: u64,

@@ -73,7 +73,7 @@ fn is_calibrated(name: &str) -> bool {
     name.starts_with("robot.beam.calibration.")
 }
 
-/// Sets the zeros measured at a straight edge and the nominal gains of the parts' data sheets.
+/// Stores the gauges' calibration: zeros as read with the strip at a straight edge, and nominal gains from data sheets.
 fn calibrate(
     scenario: &Scenario,
     settings: &mut Settings,

@@ -183,7 +183,7 @@ impl Chip {
         true
     }
 
-    /// Notes an access that follows too soon after the peripheral's clock was enabled.
+    /// Records a finding if an access follows too soon after the peripheral's clock was enabled.
     fn check_enable_delay(&mut self, unit: Unit, offset: u32) {
         let now = self.shared.now;
         let gate = unit.gate(offset);
@@ -270,7 +270,7 @@ impl Chip {
         (self.shared.now, self.shared.pc) = (cycle, pc);
     }
 
-    /// True for an address in a peripheral that exists on the chip and is not modelled; notes the access.
+    /// True for an address in a peripheral that exists on the chip and is not modelled; records a finding.
     fn is_not_modelled(&mut self, address: u32) -> bool {
         let name = map::not_modelled(address);
         if let Some(name) = name {

@@ -17,7 +17,6 @@ impl Request {
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 }
 
-/// Timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TimerId {
     Tim1,

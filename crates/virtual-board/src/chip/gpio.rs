@@ -225,14 +225,14 @@ impl Gpio {
         !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)
     }
 
-    /// Notes a floating pin that is read.
+    /// Records a finding if the pin, which is read, floats.
     pub fn check_level(&self, pin: Pin, shared: &mut Shared) {
         if self.floats(pin) {
             shared.note(FindingKind::Pin, format!("{pin} floats and is read"));
         }
     }
 
-    /// Notes that a net of the board is driven against its permitted use.
+    /// Records a finding if the pin's net is driven against its permitted use.
     fn check_net(&self, pin: Pin, usage: Usable, driver: &str, shared: &mut Shared) {
         if let Some(net) = self.nets[pin.index()]
             && net.usable != usage

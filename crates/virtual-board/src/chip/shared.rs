@@ -129,14 +129,14 @@ impl Shared {
         }
     }
 
-    /// Notes an error of the program at the present instruction.
+    /// Records a finding at the present instruction.
     #[cold]
     pub fn note(&mut self, kind: FindingKind, text: impl Into<String>) {
         let at = self.time();
         self.findings.note(kind, self.pc, at, text);
     }
 
-    /// Notes features that the program enables and that are not modelled; `features` are bits and names.
+    /// Records a finding for each feature that is switched on and not modelled; `features` are bits and names.
     pub fn note_not_modelled(&mut self, switched_on: u32, features: &[(u32, &str)]) {
         for &(bit, name) in features {
             if switched_on & bit != 0 {

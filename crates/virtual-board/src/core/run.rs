@@ -182,7 +182,8 @@ impl Core {
                 }
                 break Some(Trap::Undecoded);
             }
-            // The breakpoint is checked after decoding, so only once for each instruction.
+            // Checked after decoding: an undecoded instruction passes here only on its second run, and `stops_at` must
+            // be called once per instruction.
             if PROBE && !self.debug.step && self.debug.stops_at(pc) {
                 self.stop = Some(Stop::Breakpoint(pc));
                 break None;

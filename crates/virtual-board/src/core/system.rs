@@ -110,6 +110,6 @@ pub trait System {
     fn synchronise(&mut self) {}
     /// Requests a reset by the program (SYSRESETREQ).
     fn request_reset(&mut self);
-    /// Notes an error of the program.
+    /// Records a finding at the instruction `pc`.
     fn note(&mut self, kind: FindingKind, pc: u32, cycle: Cycles, text: String);
 }

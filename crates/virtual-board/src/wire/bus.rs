@@ -23,7 +23,7 @@ pub enum Fault {
     Level(Option<Level>),
     /// State of a node's transceiver.
     Transceiver {
-        /// The node.
+        /// Index of the node with this transceiver.
         node: usize,
         /// True if the transceiver drives the bus as the controller requests.
         transmit_enabled: bool,
@@ -32,7 +32,7 @@ pub enum Fault {
     },
     /// Piece of the cut wire that a node is connected to; initially all nodes are on piece 0.
     Piece {
-        /// The node.
+        /// Index of the connected node.
         node: usize,
         /// Number of the piece, below 256.
         piece: u8,
@@ -402,7 +402,6 @@ impl Wire {
         }
     }
 
-    /// Applies a fault.
     fn apply_fault(&mut self, fault: Fault) {
         self.wake_if_asleep();
         match fault {

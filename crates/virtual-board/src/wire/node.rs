@@ -85,7 +85,7 @@ pub enum Action {
     Request {
         /// Number of the mailbox; among equal identifiers, the lowest goes first.
         mailbox: u8,
-        /// The frame.
+        /// Frame to send.
         frame: Frame,
     },
     /// Cancels transmission of a mailbox. A transmission in progress ends first.
@@ -104,19 +104,19 @@ pub enum EventKind {
     Left,
     /// Transmission of a mailbox began.
     Started {
-        /// The mailbox.
+        /// Number of the mailbox.
         mailbox: u8,
     },
     /// A mailbox was transmitted and acknowledged.
     Sent {
-        /// The mailbox.
+        /// Number of the mailbox.
         mailbox: u8,
         /// Sample point of the start of frame.
         start: Time,
     },
     /// A mailbox lost arbitration or met an error.
     Failed {
-        /// The mailbox.
+        /// Number of the mailbox.
         mailbox: u8,
         /// True if arbitration was lost.
         lost: bool,
@@ -125,7 +125,7 @@ pub enum EventKind {
     },
     /// A frame was received.
     Received {
-        /// The frame.
+        /// Received frame.
         frame: Frame,
         /// Sample point of the start of frame.
         start: Time,

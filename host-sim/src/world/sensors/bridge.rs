@@ -21,7 +21,7 @@ table! {
     /// cancels. `strain` is the strain of the outer fibre at the gauge's true position, with gain error,
     /// offset, drift and noise, behind the amplifier's low-pass filter.
     pub struct BridgeConfig {
-        /// Relative resistance change over strain.
+        /// Relative resistance change per strain.
         pub gauge_factor: f64 = 2.1, "": Positive;
         /// Active gauges of the bridge: 1, 2 (one on each face) or 4 (two on each face).
         pub active_gauges: u32 = 4, "": OneOf(&[1.0, 2.0, 4.0]);

@@ -142,7 +142,8 @@ impl InertialChannel {
         (bias, normal(&mut self.random, self.noise_sigma))
     }
 
-    /// Bias of this sample, in place of [`Self::sample`]; zero if the sensor is not fitted.
+    /// Bias of the next sample; zero if the sensor is not fitted. Call either this or [`Self::sample`] in a tick: both
+    /// draw the next errors.
     pub fn bias(&mut self) -> f64 {
         if self.fitted { self.errors().0 } else { 0.0 }
     }

@@ -67,7 +67,7 @@ table! {
 }
 
 table! {
-    /// Accuracy of the odometry's constants: true value over the value in the robot's
+    /// Accuracy of the odometry's constants: ratio of the true value to the value in the robot's
     /// configuration.
     pub struct GeometryConfig {
         /// Relative standard deviation of each wheel's rolling radius.
@@ -207,7 +207,6 @@ pub struct AxleSamples {
     pub accelerometer: Option<f32>,
 }
 
-/// Sensors of an axle.
 #[derive(Clone, Debug)]
 struct AxleSensors {
     encoder_phase: [f64; 2],

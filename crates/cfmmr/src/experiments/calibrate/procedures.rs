@@ -24,7 +24,6 @@ pub(super) const STRAIGHT_M: f64 = 4.0;
 /// Curvatures of the formers, 1/m.
 pub(super) const FORMERS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
 
-/// Calibrated parameter.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct CalibratedParameter {
     pub(super) board: &'static str,

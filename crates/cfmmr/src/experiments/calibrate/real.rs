@@ -17,7 +17,6 @@ use std::time::{Duration, Instant};
 
 /// Timeout of the procedure; averaging takes 3 s.
 const TIMEOUT: Duration = Duration::from_secs(15);
-/// Timeout of one read.
 const READ_TIMEOUT: Duration = Duration::from_millis(10);
 
 /// Result of a calibration by the beam board.

@@ -116,7 +116,7 @@ pub struct OdometryErrors {
     pub ratio: f64,
     /// Relative excess of a true turn over the odometric turn.
     pub turn: f64,
-    /// Yaw rate by creep per relative heading, 1/s.
+    /// Yaw rate due to creep, per relative heading, 1/s.
     pub creep: f64,
 }
 

@@ -37,13 +37,12 @@ pub struct BoardUse {
 pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
-    /// First difference.
+    /// First difference from the nodes in this program; `None` if identical or not compared.
     difference: Option<String>,
     /// Ticks of the run.
     ticks: usize,
     /// Wall-clock time from the first tick to the last, s.
     wall_s: f64,
-    /// The boards.
     boards: Vec<BoardReport>,
     /// Boards lost and restarted.
     events: Vec<Event>,

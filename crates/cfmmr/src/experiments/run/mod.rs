@@ -145,9 +145,7 @@ enum BoardValues {
     /// No values: the boards run in this program.
     #[default]
     None,
-    /// Values of boards in the loop.
     InTheLoop(in_the_loop::InTheLoopValues),
-    /// Values of virtual boards.
     Virtual(virtual_boards::VirtualBoardValues),
 }
 

@@ -26,7 +26,6 @@ use serde::Serialize;
 struct RealRobotValues {
     /// Build of the front board's image.
     build: String,
-    /// End of the run.
     end: RunEnd,
     /// Reason if the robot did not confirm that it stopped.
     #[serde(rename = "restless")]

@@ -36,7 +36,6 @@ pub(super) struct VirtualBoardValues {
     wall_s: f64,
     /// Frames on the bus.
     frames: u64,
-    /// The boards.
     boards: Vec<BoardReport>,
     /// Heartbeats: every change of state.
     nodes: Vec<Status>,
@@ -118,7 +117,6 @@ fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> VirtualB
     }
 }
 
-/// Summary of the boards.
 fn summary(values: &VirtualBoardValues) -> String {
     let mut table = Table::new([
         "board",

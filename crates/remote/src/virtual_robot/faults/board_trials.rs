@@ -111,7 +111,7 @@ impl FaultBench {
         list
     }
 
-    /// First finding of a board that is not a reset, if any.
+    /// First finding of a board except resets; `None` if there is none.
     fn first_finding(&mut self, role: Role) -> Option<String> {
         let mut first_finding = None;
         self.board(role, |board| {

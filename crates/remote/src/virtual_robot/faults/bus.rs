@@ -6,7 +6,8 @@ use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::wire::{Fault, Frame, Id, Level};
 
-/// Condition codes of a bus without messages. A board reports the code of the message that it misses first.
+/// Permitted reasons of a stop after the bus has lost messages. A board reports the code of the message that it misses
+/// first.
 pub const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
 
 /// Frame of eight bytes with this identifier.

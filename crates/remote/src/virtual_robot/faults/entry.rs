@@ -74,7 +74,7 @@ pub struct Entry {
     pub kind: RunKind,
     /// True if the robot may continue.
     pub goes_on: bool,
-    /// Condition codes permitted as the first reason of a stop; empty if the robot may not stop.
+    /// Permitted first reasons of a stop; empty if the robot may not stop.
     pub codes: Vec<Condition>,
     /// Longest time from the fault to all motors off, s.
     pub off_within_s: f64,

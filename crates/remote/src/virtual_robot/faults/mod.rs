@@ -60,7 +60,8 @@ pub fn catalogue() -> Vec<Entry> {
 pub struct Campaign {
     /// Scenario of the robot.
     pub scenario: Scenario,
-    /// Images of the boards; without them only faults of robots with boards in this process can be run.
+    /// Firmware images; `None` limits the campaign to faults of kind [`RunKind::Model`], whose boards run in this
+    /// process.
     pub images: Option<Images>,
     /// True to try only a few instants of power failures.
     pub quick: bool,

@@ -24,9 +24,9 @@ use host_sim::world::faults::Fault::{
 };
 use host_sim::world::faults::{Fault, Rail, Wheel};
 
-/// Condition codes of a lost or late message.
+/// Permitted reasons of a stop after lost or late messages, or after the loss of a board.
 const SILENCE: &[Condition] = &[CommandTimeout, NeighbourLost, NeighbourFault];
-/// Condition codes of messages with wrong contents or times.
+/// Permitted reasons of a stop after messages with wrong contents or times.
 const CORRUPTION: &[Condition] = &[
     CommandTimeout,
     NeighbourLost,
@@ -39,9 +39,9 @@ const CORRUPTION: &[Condition] = &[
     // A stop starts from the last reference; if that reference is wrong, the motors are cut.
     StopNotFollowed,
 ];
-/// Condition codes of wrong gauges.
+/// Permitted reasons of a stop after a fault of a gauge.
 const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
-/// Condition codes of a broken frame.
+/// Permitted reasons of a stop after the frame has snapped.
 const SNAPPED: &[Condition] = &[EstimateInconsistent, FrameBent, WrenchHigh, TrackingLost];
 /// Longest time to the stop of a robot that has lost its beam, s.
 const BEAM_S: f64 = 22.0;

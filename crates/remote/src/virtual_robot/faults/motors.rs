@@ -6,7 +6,7 @@ use core_algos::safety::Condition::{self, *};
 use virtual_board::Time;
 use virtual_board::device::{AmplifierFault, Half};
 
-/// Condition codes of a faulty motor.
+/// Permitted reasons of a stop after a fault of a motor, a transistor or the current sensing.
 const MOTOR: &[Condition] = &[
     TrackingLost,
     WheelSlip,
@@ -19,8 +19,8 @@ const MOTOR: &[Condition] = &[
     OverCurrent,
     StopNotFollowed,
 ];
-/// Condition codes of a stuck transistor: the driver reports a fault. The wheel brakes through the transistor until it
-/// is at rest, so current flows until then.
+/// Permitted reason of a stop after a stuck transistor: the driver reports a fault. The wheel brakes through the
+/// transistor until the wheel is at rest, so current flows until then.
 const NOTICED: &[Condition] = &[DriverFault];
 /// Longest time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks, and
 /// the millisecond that a driver takes to fall asleep.

@@ -8,9 +8,9 @@ use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::Profile;
 
-/// Condition codes of a missing board.
+/// Permitted reasons of a stop after a board without supply for 0.2 s, or after its reset pin was pulled.
 const GONE: &[Condition] = &[NeighbourLost, NeighbourFault, CommandTimeout, BusOff];
-/// Condition codes of a board that fails and returns after a fault.
+/// Permitted reasons of a stop after a failed crystal or a supply dip has reset boards.
 const FAILED: &[Condition] = &[
     NeighbourLost,
     NeighbourFault,

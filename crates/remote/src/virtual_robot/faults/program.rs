@@ -8,7 +8,7 @@ use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::Drv8874;
 
-/// Condition codes of a board that halts or restarts.
+/// Permitted reasons of a stop after a board has halted or restarted.
 const HALTED: &[Condition] = &[
     NeighbourLost,
     NeighbourFault,

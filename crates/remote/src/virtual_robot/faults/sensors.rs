@@ -15,9 +15,9 @@ use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line};
 
 /// Findings if the converter's DMA requests are not served.
 const OVERRUN: &[&str] = &["overrun"];
-/// Condition codes of wrong strains.
+/// Permitted reasons of a stop after a fault of a strain bridge.
 const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
-/// Condition codes of a wrong encoder.
+/// Permitted reasons of a stop after a fault of an encoder, a motor, a wheel's contact or a gyro.
 pub(super) const WHEELS: &[Condition] = &[
     TrackingLost,
     WheelSlip,

@@ -114,7 +114,7 @@ impl Can {
         }
     }
 
-    /// Notes a bit rate above the controller's limit.
+    /// Records a finding if the bit rate exceeds the controller's limit.
     fn check_bit_rate(&self, shared: &mut Shared) {
         let clock = shared.clocks.hclk_hz / shared.clocks.apb1;
         let timing = self.timing(shared);

@@ -11,7 +11,7 @@ impl Chip {
         self.units.can1.lost()
     }
 
-    /// True if a signal of the controller is routed to a pin; notes a finding if not.
+    /// True if a signal of the controller is routed to a pin; records a finding if not.
     fn is_routed(&mut self, signal: Signal, name: &str) -> bool {
         let found = self.units.gpio.pin_of(signal).is_some();
         if !found {

@@ -287,8 +287,8 @@ impl Flash {
         Parallelism(self.cr >> 8 & 3)
     }
 
-    /// Notes a supply too low for the selected parallelism. The operation continues, because the chip does not check
-    /// the supply.
+    /// Records a finding if the supply is too low for the selected parallelism. The operation continues, because the
+    /// chip does not check the supply.
     fn check_supply(&self, shared: &mut Shared) {
         let parallelism = self.parallelism();
         if !parallelism.is_allowed(shared.volts) {

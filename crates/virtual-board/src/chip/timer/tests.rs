@@ -214,7 +214,8 @@ fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
         let expected: Vec<_> = updates.iter().map(|at| at + START).collect();
         assert_eq!(bench.times(TRGO1), expected, "{repetition}");
     }
-    // RCR was written before the start, without an update that loads it: by the manual, updates occur at overflows.
+    // RCR is written after CEN but before the counter starts. The repetition counter is still 0, so the first overflow
+    // is an update, then every second end: overflows.
     let mut bench = centred(1, 0);
     bench.write(&[(RCR, 1)]).pass(START + 600);
     assert_eq!(bench.times(TRGO1), [101, 301, 501]);

@@ -212,7 +212,7 @@ impl Timer {
         self.check_capture(shared);
     }
 
-    /// Notes an enabled input capture, which is not modelled.
+    /// Records a finding if an input capture, which is not modelled, is enabled.
     fn check_capture(&mut self, shared: &mut Shared) {
         if self.reg(CR1) & CEN == 0 {
             return;

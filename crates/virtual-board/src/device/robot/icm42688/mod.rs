@@ -11,9 +11,9 @@
 //! The adaptive full-scale range (bits 7 and 6 of INTF_CONFIG1, on after a reset) is not in the data sheet. It is
 //! modelled as described by open-source flight controllers (ArduPilot 25332, Betaflight 13132, INAV 9409).
 //!
-//! Not modelled, and noted when the program enables them ([`Icm42688::findings`]): FIFO, time stamps, FSYNC, low-power
-//! mode, temperature, motion detection, self-test, offsets (bank 4), INT1, INT2, little-endian data, other clock
-//! sources. The notch filter is not modelled either, whatever its setting.
+//! Not modelled, and recorded when the program enables them ([`Icm42688::findings`]): FIFO, time stamps, FSYNC,
+//! low-power mode, temperature, motion detection, self-test, offsets (bank 4), INT1, INT2, little-endian data, other
+//! clock sources. The notch filter is not modelled either, whatever its setting.
 
 mod path;
 mod registers;
@@ -331,7 +331,7 @@ impl Icm42688 {
         self.apply(at);
     }
 
-    /// Notes changed bits that are not modelled or reserved.
+    /// Records findings if changed bits are not modelled or reserved, or if SPI is switched off.
     fn note_unmodelled(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
         let name = register.name;
         let foreign = changed & register.writable & !register.modelled;
