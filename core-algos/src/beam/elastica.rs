@@ -47,7 +47,7 @@ const NEGLIGIBLE: f32 = 0.08;
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of computing the starts of [`Solver::waves`], in shapes.
 const STARTS_EFFORT: u8 = 2;
-/// Cost of [`Solver::finish`], in shapes.
+/// Largest cost of [`Solver::finish`], in shapes (integrations of the elastica).
 pub const FINISH_EFFORT: u8 = REFINEMENTS;
 /// Largest |F_x| L²/EI and |F_y| L²/EI of a fit: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;

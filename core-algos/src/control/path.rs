@@ -98,7 +98,7 @@ impl Config {
     }
 }
 
-/// Lead of the reference that puts O on the path.
+/// Distance by which the reference runs ahead of O along the path, so that O, which trails it, stays on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Lead {
     /// r√(2ε), m.

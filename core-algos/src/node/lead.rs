@@ -56,7 +56,7 @@ const BEAM_PATIENCE: Micros = 10 * EPOCH;
 
 /// Longest time after a [`Task::Drive`] before the robot stops, µs.
 pub const DEAD_MAN: Micros = 200_000;
-/// Speed below which the robot counts as at rest after a stop, m/s.
+/// Magnitude of the governor's reference speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 4e-3;
 
 /// Motion of a restarted axle relative to the other axle during the restart (m, m, rad), standard deviation: the

@@ -194,7 +194,8 @@ impl Situation {
         effect::text(key, taken, &[(scenario, used)])
     }
 
-    /// Hash of each epoch; ends at the first epoch that differs from `before`.
+    /// Runs the scenario and returns a hash of the recorded state of each epoch. Stops at the first hash that differs from
+    /// `before`, unless `before` is empty.
     fn run(&self, scenario: &Scenario, before: &[u64]) -> Result<Vec<u64>, Error> {
         let mut scenario = scenario.clone();
         let route = match self.task {

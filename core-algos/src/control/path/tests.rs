@@ -230,7 +230,7 @@ fn reference_waits_for_the_robot_and_never_goes_back() {
     assert!(out.reference.posture.x > 0.7 + rest - 1e-4);
     assert!((step(0.75, 0.0).0 - 0.75).abs() < 1e-5);
     assert!((step(0.60, 0.0).0 - 0.75).abs() < 1e-5, "not back");
-    // Beyond the window: the robot cannot get there in one step.
+    // O jumps beyond the search window: progress grows by at most the window (0.1 m) plus one segment (0.02 m).
     assert!(step(1.9, 0.0).0 < 0.75 + 0.1 + 0.021);
 }
 

@@ -238,7 +238,7 @@ fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Scenario of a log without the plant, because the plant's keys differ in logs of version 0.1.
+/// Scenario of a log; its table `plant` is dropped, because logs of version 0.1 have other keys there.
 fn recorded_scenario(run: &Run, name: &str) -> Result<Scenario, Error> {
     let text = run.about.get("scenario").map_or("", String::as_str);
     let mut recorded: Toml =

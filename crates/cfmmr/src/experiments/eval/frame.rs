@@ -18,7 +18,7 @@ use serde_json::Value;
 /// Positions of seed and output curvatures, as fractions of the length.
 const POSITIONS: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
-/// The `frame` algorithm.
+/// Kernel of `eval frame`: equilibrium of the plant's strip for a given posture of its end.
 pub struct Frame;
 
 #[derive(Deserialize)]

@@ -134,7 +134,7 @@ pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     let default = pairs
         .clone()
         .rfind(|(_, variant)| variant.mode == Mode::Joint);
-    match (default.or_else(|| pairs.last()), first) {
+    match (default.or_else(|| pairs.next_back()), first) {
         (Some(row), Some(first)) => format!("Goal error: {}, {}.\n\n", named(row), named(first)),
         _ => String::new(),
     }

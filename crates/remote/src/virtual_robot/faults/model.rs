@@ -55,7 +55,7 @@ pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
 const MAX_BEYOND_TICKS: u32 = 300;
 /// Largest goal error of a finished task: position (m) and heading (rad).
 pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];
-/// Speed of a robot at rest, m/s.
+/// Speed below which the robot counts as at rest, m/s.
 const REST_M_S: f64 = 0.02;
 /// Speed above which a stopped robot counts as driven again, m/s.
 const SWING_M_S: f64 = 0.1;

@@ -24,7 +24,7 @@ const LOG: u32 = 0x2000_0000;
 /// Maximum number of cycles of a test.
 const MAX_CYCLES: Cycles = 100_000;
 
-/// Memories, and interrupt lines that follow a schedule; records findings and entered lines.
+/// Flash, SRAM and scheduled interrupt lines; records findings and the addresses of entered 16-byte fetch lines.
 struct Chip {
     flash: Vec<u8>,
     sram: Vec<u8>,
