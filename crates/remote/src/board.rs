@@ -638,7 +638,7 @@ mod tests {
             (&b""[..], "nothing arrived"),
             (
                 &b"AT OK"[..],
-                "5 bytes arrived that are no answer, the first is 0x41",
+                "5 bytes arrived that are not an answer, the first is 0x41",
             ),
         ] {
             let device = Device(received.iter().copied().collect());
