@@ -216,7 +216,7 @@ impl Rig {
         for (reading, (samples, inertial)) in self.readings.axles.iter_mut().zip(axles) {
             let accelerometer = samples.accelerometer;
             *reading = axle::Samples {
-                encoder: samples.encoder_counts.map(Some).into(),
+                encoder: samples.encoder_counts.into(),
                 gyro_rad_s: samples.gyro.map(|rate| inertial.gyro_gain * rate),
                 acceleration_m_s2: accelerometer.map(|value| inertial.accelerometer_gain * value),
                 conditions: Conditions::NONE,

@@ -331,7 +331,10 @@ pub fn execute(
                 end.kind = EndKind::Stopped;
                 let refused = matches!(
                     (&line.step, &error),
-                    (ScriptStep::Follow { .. }, Error::Input(_))
+                    (
+                        ScriptStep::Follow { .. },
+                        Error::Input(_) | Error::Parameter(_)
+                    )
                 );
                 end.condition = refused.then_some(Condition::PathLost).or(end.condition);
                 end.reason = Some(error.to_string());

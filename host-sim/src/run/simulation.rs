@@ -1,6 +1,6 @@
 //! One trial: plant and rig in lockstep at 1 kHz.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Refusal};
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
@@ -61,7 +61,7 @@ impl Simulation {
         trial: u64,
     ) -> Result<Self, Error> {
         let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
-        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
+        let mut plant = plant.map_err(|error| Refusal::of("plant.", &error))?;
         let start = scenario.mission.start;
         plant.place(std::array::from_fn(|i| {
             start[i] + imperfections.placement[i]

@@ -60,7 +60,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
         };
         let row = match row {
             Ok(row) => row,
-            Err(error @ Error::Input(_)) => return Err(error),
+            Err(error) if error.exit_code() == 2 => return Err(error),
             Err(error) => {
                 silent_ports.extend(port.filter(|port| *port == role));
                 BoardRow {

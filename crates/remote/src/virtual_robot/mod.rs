@@ -36,7 +36,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{FrameId, Node, Role, Topology};
-use host_sim::base::error::Error;
+use host_sim::base::error::{Error, Refusal};
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::{Record, Robot, RunControl, outlines};
@@ -203,7 +203,7 @@ impl VirtualRobot {
         let topology = scenario.robot.topology();
         let drawn = scenario.world.draw(topology, seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
-        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
+        let mut plant = plant.map_err(|error| Refusal::of("plant.", &error))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
         plant.place(start);
         let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)

@@ -1,7 +1,7 @@
 //! Result of trials: rows, their table and their CSV file.
 
 use super::Trial;
-use super::variant::Variant;
+use super::Variant;
 use core_algos::fusion::robot::Mode;
 use host_sim::base::statistics;
 use host_sim::base::statistics::Summary;
@@ -206,22 +206,9 @@ pub fn trials_csv<'a>(
         let numbered = block.iter().enumerate();
         numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    csv::CsvRow::table(trials.map(|(variant, trial, outcome)| {
-        let error = FinalError::of(outcome.midpoint, goal);
-        let [dx, dy, _] = outcome.relative_error;
-        let mut row = csv::CsvRow::default();
-        row.put("rps imu", &[variant.rps, variant.imu]);
-        row.put("fusion", &[variant.fusion()]);
-        row.put("trial", &[trial]);
-        row.end(&outcome.end);
-        row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
-        row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
-        row.put("within_tolerance", &[outcome.within]);
-        row.put("force_rms_n", &[outcome.force_rms_n]);
-        row.put("beam_share", &[outcome.beam_share]);
-        row.put("nees drift_m", &[outcome.nees, libm::hypot(dx, dy)]);
-        row
-    }))
+    csv::CsvRow::table(
+        trials.map(|(variant, trial, outcome)| csv::of_trial(variant, trial, outcome, goal)),
+    )
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Configurations of sensors and fusion.
 
+use crate::scenario::Scenario;
+use crate::scenario::effect::Taken;
 use core_algos::fusion::robot::Mode;
-use host_sim::scenario::Scenario;
-use host_sim::scenario::effect::Taken;
 
 /// Configuration of sensors and fusion, one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
