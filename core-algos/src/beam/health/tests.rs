@@ -140,7 +140,7 @@ fn flatness_ignores_foreign_and_latched_gauges_but_counts_faulty_gauges() {
         (FIVE, Fault::None, 0b1, 0),
         (GaugeMask(0b111), Fault::None, 0, 0b1),
         (FIVE, Fault::Saturated, 0b1, 0),
-        // One of the two moving gauges is latched: one of three other gauges moves.
+        // One of the two moving gauges is latched: only one of the three other gauges moves.
         (FIVE, Fault::Dead, 0, 0b10),
         (FIVE, Fault::Inconsistent, 0, 0b10),
         (GaugeMask(0b1111), Fault::Dead, 0, 0b11),
