@@ -333,10 +333,10 @@ impl Solver {
         self.fit_within(curvature, mask, 0.0, MAX_EVALUATIONS)
     }
 
-    /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` shapes (4 to
-    /// [`MAX_EVALUATIONS`]). `drift` is the variance of this random walk, strain². The drift lowers the weight of the
-    /// readings and enlarges the covariance of the wrench. The covariance of the posture excludes the drift, which is
-    /// not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
+    /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` integrations of the elastica
+    /// (4 to [`MAX_EVALUATIONS`]). `drift` is the variance of the zeros' random walk, strain². The drift lowers the
+    /// weight of the readings and enlarges the covariance of the wrench. The covariance of the posture excludes the
+    /// drift, which is not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
     pub fn fit_within(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -350,7 +350,7 @@ impl Solver {
     }
 
     /// Begins a fit as [`Self::fit_within`]: from the polynomial's shape, or first from `start`, the result of an
-    /// earlier fit. At most `budget` shapes, including those of [`Self::finish`].
+    /// earlier fit. `budget` limits the integrations of the elastica, including those of [`Self::finish`].
     pub fn begin(
         &self,
         curvature: &[f32; MAX_GAUGES],

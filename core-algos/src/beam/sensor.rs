@@ -324,8 +324,8 @@ impl RelativePositionSensor {
     }
 
     /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A count outside the
-    /// converter's range is a missing conversion. Cost about 100 operations; with an unfinished fit, four shapes
-    /// more.
+    /// converter's range is a missing conversion. Cost: about 100 operations; with an unfinished fit, also four
+    /// integrations of the elastica.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
         if state.work.is_some() {
             self.work(state);
@@ -349,9 +349,9 @@ impl RelativePositionSensor {
     }
 
     /// Closes the period and estimates the posture from the samples since the last call. Cost: one fit of at most
-    /// five shapes. If the fit does not converge, the quadrature replaces it. The fit then continues with the next
-    /// samples ([`Self::sample`]), and the next estimate starts from its result. The search for a faulty gauge also
-    /// runs with the next samples.
+    /// five integrations of the elastica. If the fit does not converge, the quadrature gives the posture. The fit then
+    /// continues with the next samples ([`Self::sample`]), and the next estimate starts from the result of this fit.
+    /// The search for a faulty gauge also runs with the next samples.
     pub fn estimate(&self, state: &mut State) -> Estimate {
         let strip = self.strip();
         let gauges = strip.gauges();

@@ -169,7 +169,7 @@ impl From<PolarError> for PolarTerms {
 }
 
 impl PolarTerms {
-    /// Computed from the angles, for distances near zero.
+    /// Terms computed from the angles θ and α, for distances near zero.
     #[cold]
     #[inline(never)]
     fn at(posture: Posture, reference: Posture) -> Self {
@@ -279,10 +279,10 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     config: Config,
-    /// r√2, m, and twice that.
+    /// r√2, m. `twice_manifold` is 2r√2, m.
     manifold: f32,
     twice_manifold: f32,
-    /// The denominator has a positive floor.
+    /// True if the denominator has a positive floor.
     floored: bool,
 }
 
