@@ -23,7 +23,7 @@ pub(super) type Values = [f32; MAX_SIGNALS];
 wire_enum! {
     /// Result of a calibration.
     CalibrationResult {
-        /// In use and stored.
+        /// The new calibration is in use and stored.
         #[default]
         Stored = "stored",
         /// Refused: the motors are on.
@@ -32,11 +32,11 @@ wire_enum! {
         BadSample = "bad_sample",
         /// Refused: samples scatter too much.
         Noisy = "noisy",
-        /// Refused: the average moved.
+        /// Refused: the average drifted between the two halves of the samples.
         Drifting = "drifting",
-        /// Refused: the result is out of range.
+        /// Refused: the new calibration is out of range.
         OutOfRange = "out_of_range",
-        /// In use, but storing failed.
+        /// The new calibration is in use, but storing it failed.
         NotStored = "not_stored",
     }
 }

@@ -251,7 +251,7 @@ declare! {
         pub approach_gain_m_s: f32 = 1.5, "m/s": Range(1e-4, 20.0);
         /// Rate at which η = θ + α decays (k2).
         pub heading_gain_rad_s: f32 = 2.0, "rad/s": Range(0.01, 20.0);
-        /// Denominator of the velocity.
+        /// Form of the denominator of the velocity in equation 4.
         pub form: Form = Form::Derived;
         /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
         pub denominator_floor: f32 = 0.3, "": Range(0.0, 1.0);

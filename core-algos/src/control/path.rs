@@ -76,7 +76,7 @@ declare! {
         pub reaction_time_s: f32 = 0.2, "s": NonNegative;
         /// Length of path ahead of the last position that is searched for the robot.
         pub search_window_m: f32 = 0.1, "m": Positive;
-        /// Remaining distance at which the end counts as reached.
+        /// Remaining distance at which the end of the path counts as reached.
         pub end_tolerance_m: f32 = 0.002, "m": Positive;
     }
 }

@@ -37,7 +37,7 @@ declare! {
         pub pair_step_m: f32 = 0.08, "m": Range(5e-3, 1.0);
         /// Longest straight segment. An arc is at most one full turn.
         pub max_straight_m: f32 = 3.0, "m": Range(0.1, 100.0);
-        /// Least distance from the goal at which the approach may begin.
+        /// Least distance from the goal at which the approach law may take over.
         pub min_approach_m: f32 = 0.15, "m": Positive;
         /// Margin to the funnel's bound `κ_d e` at the beginning of the approach: room for errors
         /// of execution.

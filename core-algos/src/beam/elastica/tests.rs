@@ -802,7 +802,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
                 assert_eq!(search, before);
                 continue;
             }
-            // Computing the starts costs two shapes; a smaller effort changes nothing.
+            // Computing the starts costs two integrations; a smaller effort leaves the search unchanged.
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
             assert_eq!(search, before);
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);

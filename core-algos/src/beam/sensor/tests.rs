@@ -326,7 +326,7 @@ fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
                 odd.is_nan() || (excess - expected).abs() < 1e-17,
                 "{excess:e}"
             );
-            // A gauge that is not good is ignored.
+            // The noise of a gauge that is not good is ignored.
             let others = sensor.excess_noise(&state, GaugeMask::first(5).without(i));
             assert!((others.0 - 3e-12).abs() < 1e-17 && others.1);
         }

@@ -28,7 +28,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// Phase after the present stop or steering.
+/// Continuation after the present stop or steering at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
