@@ -108,7 +108,7 @@ impl Ray {
 /// posture within 2e-6 of the length up to the second buckling load.
 const MAX_STEP: f32 = 0.1;
 
-/// Integration steps from the middle or a gauge to the next gauge or an end: step length (signed, in units of L), count.
+/// Integration steps from the middle or a gauge to the next gauge or an end: signed step length in units of L, count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Leg {
     pub(super) step: f32,

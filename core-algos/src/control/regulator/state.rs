@@ -28,7 +28,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// Continuation after the present stop or steering at rest.
+/// Continuation after the present phase Stop or Steer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
