@@ -126,7 +126,7 @@ const ADDRESS_RANGES: [AddressRange; 21] = [
     range(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
-/// Index of each peripheral's address range; of several ranges, the last.
+/// Index of each peripheral's address range; of the last range if the peripheral has several.
 const RANGE_OF: [usize; Unit::COUNT] = {
     let mut ranges = [0; Unit::COUNT];
     let mut k = 0;

@@ -22,7 +22,7 @@ impl Pin {
         (self.0 / 16) as usize
     }
 
-    /// Number within the port.
+    /// Number of the pin within its port, 0 to 15.
     pub const fn number(self) -> u32 {
         (self.0 % 16) as u32
     }

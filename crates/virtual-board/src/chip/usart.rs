@@ -256,7 +256,7 @@ impl Peripheral for Usart {
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
-            // Written as zero, RXNE and TC are cleared.
+            // Writing zero clears RXNE and TC; all other flags are read-only.
             0x00 => self.sr &= value | !(mask & (RXNE | TC)),
             0x04 => self.write_data(value as u8, shared),
             0x08 => {

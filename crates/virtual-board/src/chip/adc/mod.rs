@@ -401,7 +401,7 @@ impl Adc {
         }
     }
 
-    /// Stops the requests, unless DDS is set: the stream has moved the last item of its block.
+    /// Handles the end of the DMA stream's block: without DDS the converter stops its DMA requests.
     pub fn block_ended(&mut self) {
         self.requests_stopped |= self.cr2() & DDS == 0;
     }

@@ -13,10 +13,10 @@ use crate::time::Cycles;
 
 /// Number of lines of the flash.
 const LINES: usize = (1 << 20) / 16;
-/// Marks an unused entry.
+/// Marks a cache entry without a line.
 const NONE: u32 = u32::MAX;
 
-/// Length of the log of uses; a full log is compacted to the latest use of each entry.
+/// Capacity of a cache's log of used entries; a full log is compacted to the latest use of each entry.
 const REMEMBERED: usize = 1 << 12;
 
 /// A cache of whole lines with least-recently-used replacement.
@@ -29,9 +29,9 @@ struct Cache<const N: usize> {
     uses: Box<[u8; REMEMBERED]>,
     /// Number of uses in the log.
     used: usize,
-    /// Index into the log: the latest use of each entry is here or later.
+    /// Index into the log at which the search for the least recently used entry starts.
     oldest: usize,
-    /// Index of the latest use of each entry.
+    /// Index into the log of the latest use of each entry.
     latest: [u16; N],
     on: bool,
 }
