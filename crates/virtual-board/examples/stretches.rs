@@ -102,8 +102,8 @@ impl Stretches {
         }
     }
 
-    /// Executes up to `max_instructions` instructions. Returns the number of comparable instructions, how many of them
-    /// an IT block skipped, and true if no further instruction was executed.
+    /// Executes up to `max_instructions` instructions. Returns the number of instructions up to the latest one after
+    /// which a stretch may end, how many of them an IT block skipped, and true if none was executed afterwards.
     fn attempt(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> ([u32; 2], bool) {
         // The restart clears the masks and the exclusive monitor, which a previous stretch may have set.
         restart(&mut self.core, &mut self.flat);
@@ -135,8 +135,8 @@ impl Stretches {
         (good, good[0] == max_instructions)
     }
 
-    /// Executes a stretch. If the first attempt executes instructions that cannot be compared, the memories are
-    /// restored and a shorter attempt follows.
+    /// Executes a stretch. If an attempt executes instructions after the last one at which the stretch may end, the
+    /// memories are restored and a shorter attempt follows.
     fn stretch(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> [u32; 2] {
         let before = (self.flat.sram.clone(), self.flat.ccm.clone());
         let (mut good, mut exact) = self.attempt(begin, max_instructions, words);

@@ -138,7 +138,7 @@ const RANGE_OF: [usize; Unit::COUNT] = {
 };
 
 impl Unit {
-    /// Number of variants.
+    /// Number of units.
     const COUNT: usize = Self::Debug as usize + 1;
 
     /// Units that can have events. Of two events at the same cycle, the unit earlier in the list is first.

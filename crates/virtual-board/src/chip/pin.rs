@@ -114,7 +114,7 @@ pub enum Signal {
 }
 
 impl Signal {
-    /// Number of variants.
+    /// Number of signals.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 
     /// Channels of TIM1 to TIM5.

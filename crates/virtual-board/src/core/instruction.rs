@@ -395,7 +395,7 @@ impl Insn {
         (self.registers >> 24) as u8
     }
 
-    /// The instruction inside an IT block, where 16-bit instructions set no flags, except comparisons.
+    /// The instruction as executed inside an IT block, where 16-bit instructions except comparisons set no flags.
     pub(super) fn in_block(mut self) -> Self {
         if self.size != 2 {
             return self;

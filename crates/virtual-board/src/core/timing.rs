@@ -18,7 +18,7 @@ use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
 pub(super) const REFILL_REGISTER: u64 = 2;
 /// Cycles to refill the pipeline after a branch to an address from memory.
 pub(super) const REFILL_LOADED: u64 = 3;
-/// Cycles from an exception to its first instruction, with memory without wait states.
+/// Cycles from taking an exception to its handler's first instruction, with memory without wait states.
 pub(super) const ENTRY: u64 = 12;
 /// Cycles of [`ENTRY`] that stacking takes.
 pub(super) const STACKING: u64 = 8;

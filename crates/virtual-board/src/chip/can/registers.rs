@@ -3,14 +3,14 @@
 use super::super::register::{Register, word};
 use super::filter::ALL;
 
-// MCR.
+// Bits of MCR.
 bits! { pub(super):
     INRQ 0, SLEEP 1, TXFP 2, RFLM 3, NART 4, AWUM 5, ABOM 6, TTCM 7, RESET 15
 }
 pub(super) const MCR_BITS: u32 = 0x0001_80ff;
 pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
 
-// MSR.
+// Bits of MSR.
 bits! { pub(super):
     INAK 0, SLAK 1, ERRI 2, SLAKI 4, TXM 8
 }
@@ -27,7 +27,7 @@ bits! { pub(super):
 }
 pub(super) const IER_BITS: u32 = 0x0003_8f7f;
 
-// ESR.
+// Bits of ESR.
 bits! { pub(super):
     EWGF 0, EPVF 1, BOFF 2
 }

@@ -273,7 +273,7 @@ fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
     assert_eq!(order(&mut bench), [Id::Standard(0x100)]);
     assert_eq!(bench.wire.statistics(0).given_up, 1);
 
-    // Without an acknowledgement, the transmission ends at the first error.
+    // No node acknowledges the frame, so the aborted transmission ends at its first error.
     let mut bench = CanBench::joined(1, false);
     bench.board().request(0, 0x100, 0);
     bench.run(140);

@@ -267,7 +267,7 @@ fn preloaded_compare_value_takes_effect_at_the_next_update() {
     bench.pass(51).write(&[(CCR1, 60)]);
     bench.pass(301);
     assert_eq!(bench.read(CCR1), 60);
-    // The counter turns at 101. The output becomes high at count 60 on the way down, cycle 141.
+    // The counter turns at cycle 101. The output becomes high at count 60 on the way down, cycle 141.
     let drives = bench.drives(Signal::Tim1Ch1);
     assert_eq!(drives, [(31, Low), (141, High), (261, Low)]);
 }
