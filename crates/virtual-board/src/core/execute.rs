@@ -186,8 +186,8 @@ impl Core {
         }
     }
 
-    /// Branch to `value`, which may leave Thumb state or request an exception return (BXWritePC). Refilling the pipeline
-    /// takes `refill` cycles.
+    /// Branch to `value`, which may leave Thumb state or request an exception return (BXWritePC). Refilling the
+    /// pipeline takes `refill` cycles.
     #[inline(always)]
     pub(super) fn branch_exchange(&mut self, value: u32, refill: u64) -> Done<u32> {
         if value >= 0xf000_0000 && self.ipsr != 0 {
