@@ -49,7 +49,8 @@ async fn main(spawner: Spawner) {
     }
 }
 
-/// Builds and starts everything, or a session. The background is a task too, so that the stack of the start is freed.
+/// Builds and starts all parts of the board, or a session if one was requested. Log and store are a task too, so that
+/// the stack used by this function is freed.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, BeamReport, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =

@@ -101,7 +101,7 @@ fn make_safe() {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
-    // On another core clock the CAN controller would disturb the bus until the reset.
+    // On the internal oscillator the controller's bit rate is wrong, and it would disturb the bus until the reset.
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
 }
 

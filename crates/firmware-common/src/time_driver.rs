@@ -59,7 +59,7 @@ impl Driver for SysTickDriver {
         critical_section::with(|_| {
             let mut count = SYST::get_current();
             let mut periods = self.periods();
-            // A period that ended while interrupts were masked is not counted yet.
+            // The interrupt has not yet counted a period that ended while interrupts were masked.
             if SCB::is_pendst_pending() {
                 count = SYST::get_current();
                 periods += 1;

@@ -33,7 +33,7 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// For a job that starts every `period`, µs.
+    /// Creates a stopwatch for a job that starts every `period`, µs.
     pub fn new(period: Micros) -> Self {
         Self {
             period,

@@ -80,9 +80,9 @@ pub const SLEEP: usize = 5;
 
 /// Pins and peripherals of the motors.
 pub struct Parts {
-    /// Converter.
+    /// A/D converter of currents, supply and temperature.
     pub adc: Peri<'static, ADC1>,
-    /// Timer.
+    /// PWM timer.
     pub timer: Peri<'static, peripherals::TIM1>,
     /// Enable pins (left, right).
     pub enable: (Peri<'static, PA8>, Peri<'static, PA9>),
@@ -92,18 +92,18 @@ pub struct Parts {
     pub sleep: Peri<'static, PC5>,
     /// Fault pins of the drivers (left, right), low: fault.
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
-    /// Currents (left, right).
+    /// Inputs of the motor currents (left, right).
     pub current: (Peri<'static, PC0>, Peri<'static, PC1>),
-    /// Supply voltage behind its divider.
+    /// Input of the supply voltage, behind a divider.
     pub supply: Peri<'static, PC2>,
-    /// Thermistor between the drivers.
+    /// Input of the thermistor between the drivers.
     pub temperature: Peri<'static, PC3>,
     /// Emergency stop, a contact to ground that opens: high or a broken wire means stop. The timer's
     /// break input.
     pub stop: Peri<'static, PB12>,
     /// Window watchdog of the current loop.
     pub watchdog: Peri<'static, WWDG>,
-    /// Report to the independent watchdog.
+    /// Handle with which the current loop reports to the task watchdog.
     pub check_in: CheckIn,
 }
 
@@ -153,7 +153,7 @@ impl Motors {
     }
 }
 
-/// Data of the interrupt.
+/// Data of the current loop's interrupt.
 struct Drive {
     adc: InjectedAdc<'static, ADC1, 4>,
     direction: [Output<'static>; 2],
@@ -302,7 +302,7 @@ impl Drive {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
-                // A fault that still holds trips again.
+                // If the fault is still present, the next check latches it again.
                 if command.clear {
                     self.fault = None;
                 }
@@ -312,7 +312,7 @@ impl Drive {
         }
     }
 
-    /// Currents, A. While the drivers sleep, unknown zeros are measured.
+    /// Motor currents, A; `None` without a zero or a valid reading. While the drivers sleep, unknown zeros are measured.
     fn currents(&mut self, counts: [u16; 2]) -> [Option<f32>; 2] {
         let asleep = self.awake == 0;
         let mut currents = [None; 2];

@@ -63,9 +63,9 @@ pub struct Beam {
     pub bridges: Bridges,
     /// Configuration, with the calibration in use.
     pub config: RobotConfig,
-    /// The node.
+    /// Node of the beam.
     pub node: BeamNode,
-    /// Calibration on request.
+    /// Calibration procedure, which a message starts.
     pub procedure: Procedure,
     /// Signals to and from the store.
     pub saving: &'static Saving,
@@ -200,7 +200,7 @@ impl BeamTick {
         }
     }
 
-    /// Steps the node. A restart of the clock needs no other treatment, because the node stores samples, not times.
+    /// Steps the node. A step of the clock does not restart the node, because the node stores samples, not times.
     fn run_node(&mut self, block: &Block, common: &mut Common) {
         let step = common.sync.step(block.local);
         self.beam.bridges.trim(common.sync.trim());

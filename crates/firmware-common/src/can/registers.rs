@@ -68,7 +68,7 @@ fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(false));
 }
 
-/// Enables the interrupts; `errors` includes those of errors.
+/// Enables the interrupts of sending and receiving; if `errors`, the error interrupt too.
 pub fn enable_interrupts(errors: bool) {
     let mut ier = Ier(0);
     ier.set_tmeie(true);
@@ -152,7 +152,7 @@ pub fn fifo() -> (Fifo, bool) {
     (fifo, state.fovr())
 }
 
-/// Takes the frame at the head of the FIFO; `None` if it is not a data frame of 11 bits.
+/// Takes the frame at the head of the FIFO; `None` if it is not a data frame with an identifier of 11 bits.
 pub fn take_frame() -> Option<CanFrame> {
     let frame = first_in_fifo();
     CAN1.rfr(0).write(|w| w.set_rfom(true));

@@ -42,7 +42,7 @@ pub trait Hardware {
     fn check_in(&mut self);
     /// Local time, µs.
     fn now(&self) -> Micros;
-    /// The cycle counter.
+    /// Value of the cycle counter, core cycles.
     fn cycles(&self) -> u32;
     /// True if the board cannot send on the bus.
     fn is_bus_off(&self) -> bool;
@@ -69,7 +69,7 @@ pub trait BoardTick {
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
     fn wait(&mut self) -> impl Future<Output = Option<(Micros, Self::Input)>>;
-    /// Samples the sensors, and takes commands that apply before the messages that arrived.
+    /// Samples the sensors, and executes orders that must precede the messages received in this tick.
     fn begin(
         &mut self,
         local: Micros,

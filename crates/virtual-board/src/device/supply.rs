@@ -38,7 +38,7 @@ impl Profile {
         }
     }
 
-    /// Time of the next point after a time, where slope or value changes.
+    /// Time of the first point after `after`, where slope or value changes; [`Time::NEVER`] after the last point.
     pub fn next(&self, after: Time) -> Time {
         let index = self.points.partition_point(|p| p.0 <= after);
         self.points.get(index).map_or(Time::NEVER, |p| p.0)

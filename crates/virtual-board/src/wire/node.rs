@@ -83,7 +83,7 @@ pub enum Action {
     Set(Settings),
     /// Requests transmission of a mailbox.
     Request {
-        /// Number of the mailbox; among equal identifiers, the lowest goes first.
+        /// Number of the mailbox; of frames with equal identifiers, the frame in the lowest mailbox is sent first.
         mailbox: u8,
         /// Frame to send.
         frame: Frame,

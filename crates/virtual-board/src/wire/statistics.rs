@@ -19,7 +19,7 @@ pub struct Statistics {
     pub error_frames: u64,
     /// Overload flags sent.
     pub overloads: u64,
-    /// Number of times in bus-off.
+    /// Number of transitions to bus-off.
     pub bus_offs: u64,
 }
 

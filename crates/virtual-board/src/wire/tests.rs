@@ -118,10 +118,9 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
         let EventKind::Sent { start, .. } = sent.kind else {
             panic!();
         };
-        // The time from the sample point of the first bit to the sample point of the last.
         let bits = frame.bits().length() as u64;
-        // The acknowledgement is late by twice the delay; the sender synchronizes by its jump width, a seventh of a
-        // bit.
+        // From the first sample point to the last are all bits but one. The acknowledgement is late by twice the delay,
+        // so the sender synchronizes by its jump width, a seventh of a bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
         // Start of frame: within a bit after the request, sampled at 6/7 of the bit.

@@ -162,8 +162,8 @@ impl BitClock {
         }
     }
 
-    /// Advances by whole bits to the bit that contains `now`, after an idle period. Bits are sampled earlier by
-    /// `delay`.
+    /// Advances by whole bits to the bit that contains `now`, after an idle period. Sample times at the controller are
+    /// later than on the bus by `delay`.
     pub fn skip(&mut self, now: Time, delay: Time) {
         let bit = u64::from(self.timing.quanta());
         let quantum = self.quantum(now);

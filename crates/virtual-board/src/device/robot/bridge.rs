@@ -121,7 +121,7 @@ impl Bridge {
         (self.output_v + noise).clamp(0.0, self.supply_v)
     }
 
-    /// Updates the amplifier output after a change.
+    /// Computes the amplifier output after a change of strain, supply or fault.
     fn changed(&mut self) {
         let c = &self.config;
         self.strain += self.strain_slope * span_s(self.since, self.now);

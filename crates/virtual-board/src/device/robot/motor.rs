@@ -18,7 +18,7 @@ characteristics! {
     }
 }
 
-/// Exact integrals over an interval.
+/// Exact integrals of a motor's current over an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
     /// Duration, s.
@@ -122,7 +122,7 @@ impl Motor {
         self.open
     }
 
-    /// Final current with this source, A, and the time constant, s.
+    /// Final value of the current with this source, A, and time constant of the approach, s.
     fn limit(&self, source: Source) -> (f64, f64) {
         let ohms = self.config.resistance_ohm + source.ohms;
         (
@@ -141,7 +141,7 @@ impl Motor {
     pub(super) fn time_to(&self, level_a: f64, source: Source) -> f64 {
         let (limit, tau) = self.limit(source);
         let (from, to) = (self.current_a - limit, level_a - limit);
-        // The current moves towards the limit and not beyond.
+        // The current approaches its final value `limit` and never crosses it.
         if self.open || from * to <= 0.0 || to.abs() >= from.abs() {
             return f64::INFINITY;
         }
