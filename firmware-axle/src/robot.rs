@@ -123,7 +123,7 @@ fn start(
 
     let spawners = executors::start();
     defmt::info!("{} axle", Topology::PAIR.name(role));
-    // Each of these tasks is spawned once, and has room for one.
+    // `expect` cannot fail: each task has room for one instance and is spawned once.
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));

@@ -33,7 +33,7 @@ pub struct Command {
 pub struct Feedback {
     /// Motor currents (left, right), root mean square over the tick, A.
     pub current_a: [f32; 2],
-    /// Supply voltage, V.
+    /// Supply voltage of the drivers, V.
     pub supply_v: f32,
     /// Temperature between the drivers, °C; `None` if the thermistor is open or short.
     pub temperature_c: Option<f32>,

@@ -72,7 +72,7 @@ pub struct ConfigError {
     pub index: [Option<u8>; 2],
     /// The value that was refused.
     pub value: f32,
-    /// Allowed values.
+    /// Allowed values of the parameter.
     pub allowed: Allowed,
 }
 

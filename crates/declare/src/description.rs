@@ -25,11 +25,11 @@ pub enum Kind {
         /// True if the values are whole numbers.
         whole: bool,
     },
-    /// True or false.
+    /// A flag, true or false.
     Flag,
     /// A name, one of those listed here.
     Choice(&'static [Choice]),
-    /// A table.
+    /// A table with these fields.
     Table(&'static [Field]),
 }
 

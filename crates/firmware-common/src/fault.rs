@@ -87,7 +87,7 @@ fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
         // memory as uninitialised.
         let mut record = unsafe { place.read_volatile() }.or_new();
         let result = f(&mut record);
-        // SAFETY: as above.
+        // SAFETY: the critical section makes the write exclusive.
         unsafe { place.write_volatile(record.sealed()) };
         result
     })
@@ -110,7 +110,7 @@ fn make_safe() {
 pub(crate) fn supply_low() -> ! {
     make_safe();
     RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
-    // Below 2.1 V prefetch does not work.
+    // Prefetch does not work below 2.1 V, to which the supply may fall.
     FLASH.acr().modify(|w| w.set_prften(false));
     stop(
         |faults| &mut faults.processor,

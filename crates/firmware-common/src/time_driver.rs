@@ -36,7 +36,7 @@ embassy_time_driver::time_driver_impl!(static DRIVER: SysTickDriver = SysTickDri
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-/// Starts the clock.
+/// Starts SysTick with its interrupt.
 pub(crate) fn start() {
     // SAFETY: only this module uses SysTick.
     let mut systick = unsafe { cortex_m::Peripherals::steal() }.SYST;

@@ -28,7 +28,7 @@ pub struct Stopwatch {
     began: u32,
     /// Largest deviation of the time between two starts from the period, µs.
     jitter: Micros,
-    /// Longest duration, cycles.
+    /// Longest duration of the job, core cycles.
     longest: u32,
 }
 

@@ -31,7 +31,7 @@ impl Encoders {
         left: (Peri<'static, TIM3>, Peri<'static, PC6>, Peri<'static, PC7>),
         right: (Peri<'static, TIM4>, Peri<'static, PB6>, Peri<'static, PB7>),
     ) -> Self {
-        // Encoders with open collectors need the pull-ups; others work with them too.
+        // Encoders with open collectors need the pull-ups; push-pull encoders also work with pull-ups.
         let mut config = qei::Config::default();
         config.mode = QeiMode::Mode3;
         config.ch1_pull = Pull::Up;
@@ -60,7 +60,7 @@ impl Encoders {
         }
     }
 
-    /// Counts, forward positive: the right encoder is mounted the other way round.
+    /// Encoder counts, forward positive. The right count is negated, because the right encoder is mounted mirrored.
     pub fn read(&mut self) -> Wheels<i32> {
         let [left, right] = &mut self.counts;
         Wheels {

@@ -116,7 +116,7 @@ static TICK_BEGAN: AtomicU32 = AtomicU32::new(0);
 pub struct Motors(());
 
 impl Motors {
-    /// Sets everything up, motors off, and starts the current loop.
+    /// Sets up timer, converter and drivers with the motors off, and starts the current loop.
     pub fn start(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let drive = Drive::new(parts, config)?;
         critical::all(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
@@ -247,7 +247,7 @@ impl Drive {
             period: 0,
             began: 0,
             longest: 0,
-            // Last, because from here on the loop must run.
+            // The watchdog starts last, because from then on the current loop must run.
             watchdog: WindowWatchdog::start(parts.watchdog),
         })
     }
@@ -312,7 +312,7 @@ impl Drive {
         }
     }
 
-    /// Motor currents, A; `None` without a zero or a valid reading. While the drivers sleep, unknown zeros are measured.
+    /// Motor currents, A; `None` without a zero or a valid reading. Unknown zeros are measured while the drivers sleep.
     fn currents(&mut self, counts: [u16; 2]) -> [Option<f32>; 2] {
         let asleep = self.awake == 0;
         let mut currents = [None; 2];

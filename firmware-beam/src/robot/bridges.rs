@@ -50,14 +50,14 @@ pub struct Block {
     pub excitation: f32,
 }
 
-/// The bridges.
+/// Sampling of the bridges.
 pub struct Bridges {
     converter: Converter,
     thermistor: Thermistor,
 }
 
 impl Bridges {
-    /// Starts sampling.
+    /// Starts sampling the bridges, their excitation and the thermistor.
     pub fn start(parts: Parts, thermistor: Thermistor) -> Self {
         let [a, b, c, d, e] = parts.bridges;
         let scan = [a, b, c, d, e, parts.excitation.degrade_adc()];

@@ -51,9 +51,9 @@ type Common = tick_loop::Common<Chip>;
 
 /// Signals between the tick and the store, to save a calibration.
 pub struct Saving {
-    /// Calibration to save.
+    /// From the tick: calibration to save, and the proof that the motors are off.
     pub wanted: Signal<CriticalSectionRawMutex, (calibration::Config, Disarmed)>,
-    /// True if the calibration was saved.
+    /// From the store: true if the calibration was saved.
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 

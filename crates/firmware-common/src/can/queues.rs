@@ -26,7 +26,7 @@ pub struct Queues {
 }
 
 impl Queues {
-    /// Both queues, empty.
+    /// Creates both queues, empty.
     pub const fn new() -> Self {
         Self {
             sending: Queue::new(),

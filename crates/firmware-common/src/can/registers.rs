@@ -25,11 +25,11 @@ const BIT_TIMING: BitTiming = match BitTiming::new(APB1_HZ, BIT_RATE) {
 
 /// State of the receive FIFO.
 pub enum Fifo {
-    /// No frame.
+    /// The FIFO holds no frame.
     Empty,
     /// The last frame taken is still being released.
     Releasing,
-    /// At least one frame.
+    /// The FIFO holds at least one frame.
     Frame,
 }
 
@@ -112,7 +112,7 @@ pub fn take_finished() -> impl Iterator<Item = (usize, bool)> {
     let status = CAN1.tsr().read();
     let finished = (0..COUNT).filter(move |&mailbox| status.rqcp(mailbox));
     finished.map(move |mailbox| {
-        // Clears the mailbox's other flags too.
+        // A write of 1 to RQCP also clears the mailbox's other flags.
         CAN1.tsr().write(|w| w.set_rqcp(mailbox, true));
         (mailbox, status.txok(mailbox))
     })
@@ -140,7 +140,7 @@ pub fn request(mailbox: usize, frame: &CanFrame) {
 /// State of the FIFO, and true if a frame was lost since the last call.
 pub fn fifo() -> (Fifo, bool) {
     let state = CAN1.rfr(0).read();
-    // Each write sets one flag only: the flags are cleared by writing 1.
+    // Each write has a single 1, because writing 1 clears a flag.
     if state.fovr() {
         CAN1.rfr(0).write(|w| w.set_fovr(true));
     }

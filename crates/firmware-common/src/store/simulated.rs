@@ -39,7 +39,7 @@ pub enum Torn {
 }
 
 impl Torn {
-    /// All outcomes.
+    /// All outcomes of a power cut.
     pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
 }
 
@@ -60,7 +60,7 @@ pub struct Flash<const SECTOR: usize> {
 }
 
 impl<const SECTOR: usize> Flash<SECTOR> {
-    /// Blank sectors.
+    /// Creates a flash of blank sectors; `seed` is for the random bits of interrupted steps.
     pub fn new(sectors: usize, seed: u64) -> Self {
         Self {
             bytes: vec![0xff; sectors * SECTOR],

@@ -48,7 +48,7 @@ impl Profile {
 /// A battery and its 3.3 V regulator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Supply {
-    /// Open-circuit voltage, V.
+    /// Open-circuit voltage of the battery over time, V.
     pub open_v: Profile,
     /// Resistance of cells and leads, Ω.
     pub resistance_ohm: f64,

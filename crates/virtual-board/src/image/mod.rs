@@ -33,11 +33,11 @@ const VECTORS: usize = 98;
 pub struct ImageError {
     /// Name of the file.
     pub file: String,
-    /// Invalid field.
+    /// Name of the invalid field.
     pub field: &'static str,
     /// Value of the field.
     pub value: String,
-    /// Allowed values.
+    /// Allowed values of the field.
     pub allowed: &'static str,
 }
 

@@ -6,7 +6,7 @@ use super::node::ErrorKind;
 /// Meaning of a bit for a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReceiverStep {
-    /// No event.
+    /// The bit has no special meaning; the frame continues.
     More,
     /// The checksum is complete and correct: the bit after the next one acknowledges.
     Acknowledge,

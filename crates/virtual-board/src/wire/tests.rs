@@ -454,7 +454,7 @@ fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     }
     let records = bench.wire.take_records();
     let bits = (records[1].start - records[0].end).0 / BIT;
-    // One bit of the intermission, flag of 6, delimiter of 8, intermission of 3, then the start.
+    // The next frame starts after one bit of intermission, flag (6 bits), delimiter (8) and intermission (3).
     assert!((18..=20).contains(&bits), "{bits}");
 }
 

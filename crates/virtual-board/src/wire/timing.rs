@@ -67,7 +67,7 @@ pub(crate) struct BitClock {
 }
 
 impl BitClock {
-    /// Begins a bit now.
+    /// Creates the bit clock of a controller whose bit begins at `now`.
     pub fn new(timing: BitTiming, now: Time) -> Self {
         let mut clock = Self {
             timing,

@@ -101,7 +101,7 @@ impl Pwm {
 
     /// Enables the outputs; has no effect while the contact is open.
     pub fn enable(&mut self) {
-        // Zeros clear the flags. The break flag must be clear before the next break; the others are not used.
+        // Writing 0 clears a flag. The break flag must be clear before the next break; no other flag is used.
         TIM1.sr().write(|_| ());
         TIM1.bdtr().modify(|w| w.set_moe(true));
     }

@@ -155,7 +155,7 @@ impl Converter {
     }
 }
 
-/// Sets the constant registers; the converter is still off.
+/// Sets the registers that never change afterwards; the converter must be off.
 fn configure(scan: [u8; CHANNELS], injected: u8) {
     // 84 MHz / 4.
     pac::ADC123_COMMON
@@ -216,7 +216,7 @@ fn run(wait: Micros) {
     pac::TIM2.cr1().modify(|w| w.set_cen(true));
 }
 
-/// Stops everything; true if the stream has stopped.
+/// Stops stream, timer and converter; true if the stream has stopped.
 fn stop() -> bool {
     let stream = DMA2.st(0);
     // The stream's interrupts are off, because the handler changes the converter's registers too.

@@ -16,9 +16,9 @@ use crate::time::Time;
 characteristics! {
     /// Characteristics of shunt and amplifier.
     pub struct AmplifierConfig {
-        /// Shunt, Ω.
+        /// Resistance of the shunt, Ω.
         pub shunt_ohm: f64 = 0.01;
-        /// Gain. INA240A1: 20.
+        /// Gain of the amplifier. INA240A1: 20.
         pub gain: f64 = 20.0;
         /// Relative error of shunt and gain. Default 0.
         pub gain_error: f64 = 0.0;

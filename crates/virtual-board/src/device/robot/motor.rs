@@ -21,9 +21,9 @@ characteristics! {
 /// Exact integrals of a motor's current over an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// Duration, s.
+    /// Duration of the interval, s.
     pub span_s: f64,
-    /// ∫ i dt, A s.
+    /// Charge through the motor, ∫ i dt, A s.
     pub charge_as: f64,
     /// ∫ i² dt, A² s; times the resistance, heat in J.
     pub square_a2s: f64,
@@ -32,7 +32,7 @@ pub struct Work {
 }
 
 impl Work {
-    /// Mean current, A.
+    /// Mean motor current over the interval, A.
     pub fn mean_current_a(&self) -> f64 {
         self.mean(self.charge_as)
     }
@@ -54,7 +54,7 @@ impl Work {
 /// Constant source at the terminals: a voltage behind a resistance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Source {
-    /// Voltage, V.
+    /// Open-circuit voltage of the source, V.
     pub volts: f64,
     /// Resistance in series with the winding, Ω.
     pub ohms: f64,
@@ -101,7 +101,7 @@ impl Motor {
         self.slope_a_s
     }
 
-    /// Back EMF, V.
+    /// Back EMF at the present speed, V.
     pub(super) fn emf_v(&self) -> f64 {
         self.config.constant_nm_a * self.speed_rad_s
     }

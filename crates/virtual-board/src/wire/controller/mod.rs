@@ -208,7 +208,7 @@ impl Controller {
         };
     }
 
-    /// Applies new settings.
+    /// Applies new settings, including joining and leaving the bus.
     pub fn set(&mut self, settings: Settings) {
         let was_in = self.is_in();
         match (was_in, settings.on) {

@@ -28,9 +28,9 @@ use std::collections::VecDeque;
 /// A half bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
-    /// OUT1.
+    /// Half bridge of the output OUT1.
     One,
-    /// OUT2.
+    /// Half bridge of the output OUT2.
     Two,
 }
 
@@ -359,7 +359,7 @@ impl Drv8874 {
             } else if current < 0.0 || backward.volts < emf {
                 backward
             } else {
-                // Neither diode conducts.
+                // Neither diode conducts, so the current stays 0.
                 self.motor.idle(span);
                 break;
             };
