@@ -217,7 +217,7 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
-/// The crystal has stopped, the only source of this interrupt; the core runs on the internal oscillator.
+/// Handles a stopped crystal, the only source of this interrupt; the core then runs on the internal oscillator.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     stop(

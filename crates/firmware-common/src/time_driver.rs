@@ -64,7 +64,7 @@ impl Driver for SysTickDriver {
                 count = SYST::get_current();
                 periods += 1;
             }
-            // The counter runs down from PERIOD − 1; the next period begins at 0.
+            // The counter runs down from PERIOD − 1 to 0; its value 0 is the start of the next period.
             let elapsed = (PERIOD - count) % PERIOD;
             periods * u64::from(PERIOD_US) + u64::from(elapsed / CYCLES_PER_US)
         })

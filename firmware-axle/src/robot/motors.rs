@@ -88,7 +88,7 @@ pub struct Parts {
     pub enable: (Peri<'static, PA8>, Peri<'static, PA9>),
     /// Direction pins (left, right).
     pub direction: (Peri<'static, PB14>, Peri<'static, PB15>),
-    /// Sleep pin of both drivers, low: asleep; the drivers' own pull-down holds it in reset.
+    /// Sleep pin of both drivers, low: asleep. During a reset the drivers' pull-downs hold the pin low.
     pub sleep: Peri<'static, PC5>,
     /// Fault pins of the drivers (left, right), low: fault.
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
@@ -194,8 +194,8 @@ impl Drive {
     fn new(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let sleep = Output::new(parts.sleep, Level::Low, Speed::Low);
         let pwm = Pwm::new(parts.timer, parts.enable, parts.stop);
-        // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs, the currents
-        // first: they must not be near an edge.
+        // A source of 10 kΩ settles within 28 cycles at 21 MHz. Four conversions take 7.6 µs. The currents are first,
+        // because they must not be sampled near an edge.
         let time = SampleTime::CYCLES28;
         let adc = Adc::new(parts.adc).setup_injected_conversions(
             [

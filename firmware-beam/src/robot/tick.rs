@@ -26,7 +26,7 @@ use super::bridges::{Block, Bridges};
 use super::{FRAME, ROLE};
 use crate::rules::Motors;
 
-/// Nominal supply of the board, V; the excitation is measured against it.
+/// Nominal supply of the board, V: the supply reported in health messages if the excitation is nominal.
 const SUPPLY_V: f32 = 3.3;
 
 /// Report for the log.

@@ -32,9 +32,9 @@ pub enum Torn {
     Untouched,
     /// Some bits have their new value.
     Bits,
-    /// Sector: the first part is erased. Word: written.
+    /// Only the first part of the sector is erased; a word is written.
     Front,
-    /// Sector: the last part is erased. Word: written.
+    /// Only the last part of the sector is erased; a word is written.
     Back,
 }
 

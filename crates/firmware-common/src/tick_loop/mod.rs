@@ -132,7 +132,7 @@ pub struct Common<H> {
     role_conflict: RoleConflict,
     identity: Identity,
     led: Led,
-    /// Ticks since the start: the LED's time in ms, kept without a division.
+    /// Ticks since the start, the LED's time in ms; counted, because a conversion from µs needs a slow division.
     ticks: u32,
     /// The latest tick that was recorded.
     reference: Reference,
@@ -191,7 +191,7 @@ impl<H: Hardware> Common<H> {
         self.link.put(&self.reference.tick(now, samples, torque_nm));
     }
 
-    /// Records the end of the replayable part: the nodes no longer match the board's configuration.
+    /// Records the end of the replayable part, because the nodes no longer match the board's configuration.
     pub fn record_end(&mut self) {
         self.link.put(&Entry::End);
     }

@@ -161,7 +161,7 @@ mod tests {
         let mut divider = Divider::new(47e3, 10e3, 100e-9, 12.0);
         assert!((divider.output(Time(MS)) - 12.0 / 5.7).abs() < 1e-12);
         divider.input(Time(MS), 0.0);
-        // 47 kΩ and 10 kΩ in parallel times 100 nF: time constant 0.8246 ms.
+        // The time constant is 0.8246 ms, from 100 nF and the parallel resistance of 47 kΩ and 10 kΩ.
         let at = Time(MS + 824_561_404);
         assert!((divider.output(at) - 12.0 / 5.7 / std::f64::consts::E).abs() < 1e-6);
     }

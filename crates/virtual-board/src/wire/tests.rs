@@ -123,7 +123,7 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
         // so the sender synchronizes by its jump width, a seventh of a bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
-        // Start of frame: within a bit after the request, sampled at 6/7 of the bit.
+        // The frame starts within a bit after the request; `start` is the sample point, at 6/7 of the bit.
         assert!(start > micros(100) && start < micros(102), "{start}");
         for node in [1, 2] {
             let received = bench.received(node);

@@ -11,7 +11,7 @@ pub struct BitTiming {
     pub segment1: u32,
     /// Quanta of the second phase segment.
     pub segment2: u32,
-    /// Synchronization jump width: most quanta by which an edge lengthens or shortens a bit.
+    /// Synchronization jump width: limit of the quanta by which an edge lengthens or shortens a bit.
     pub jump: u32,
 }
 

@@ -37,7 +37,7 @@ impl Decoder {
 #[test]
 fn edges_occur_when_the_angle_reaches_them() {
     let mut encoder = Encoder::new(EncoderConfig::default());
-    // One revolution in 1/8.192 s is 67.1 edges in 1 ms; the first edge is half a count away.
+    // A revolution in 1/8.192 s is 67.1 edges in 1 ms; the first edge is half a count away.
     let speed = TAU * 8.192;
     encoder.motion(Time(0), 0.0, speed, 0.0);
     let period = 1e12 / (8192.0 * 8.192);

@@ -40,7 +40,7 @@ enum State {
     Out,
     /// Counts recessive bits before taking part.
     Joining(u8),
-    /// Bus-off: number of consecutive recessive bits, and number of sequences of eleven.
+    /// Bus-off: number of consecutive recessive bits, and number of completed sequences of eleven recessive bits.
     BusOff(u8, u8),
     /// The bus is idle.
     Idle,

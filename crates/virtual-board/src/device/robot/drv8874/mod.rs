@@ -87,7 +87,7 @@ enum Power {
     Asleep,
     Waking(Time),
     Awake,
-    /// nSLEEP is low; the driver still works until this time.
+    /// nSLEEP is low; the driver works until this time.
     FallingAsleep(Time),
 }
 
