@@ -115,7 +115,7 @@ fn shortest_decimal(number: f64) -> f64 {
     }
 }
 
-/// Default as Markdown.
+/// Default value of a key, in Markdown.
 fn markdown_value(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", shortest_decimal(*number)),
@@ -162,7 +162,7 @@ pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     Ok(text)
 }
 
-/// Default as a JSON value.
+/// Default value of a key, in JSON.
 fn json_value(value: &toml::Value) -> Value {
     match value {
         toml::Value::Float(number) => shortest_decimal(*number).into(),
@@ -228,7 +228,8 @@ mod tests {
             let known = declared.contains(&key) || key == "world";
             assert!(known, "{key} is not declared");
         }
-        // A text for a key without default is refused for its type, not as an unknown key.
+        // The file lacks keys without default, so each is set to a text: the error is about the type, not about an
+        // unknown key.
         for (key, declared) in keys.iter().zip(&declared) {
             if key.default.is_none() {
                 let change = format!("{declared}=\"nothing\"");

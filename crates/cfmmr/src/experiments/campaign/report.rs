@@ -7,7 +7,7 @@ use host_sim::run::end::Ends;
 use output::table::{Table, plus_minus};
 use serde::Serialize;
 
-/// Results of one combination.
+/// Results of one combination of listed values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cell {
     /// The listed quantities and their values.
@@ -24,7 +24,7 @@ pub struct Cell {
     pub heading_rad: Summary,
     /// Share of the trials that end within 3 cm and 3° of the goal.
     pub within_3cm_3deg: f64,
-    /// Wilson's 95 % interval of the share.
+    /// Wilson's 95 % interval of the share within 3 cm and 3°.
     pub within_interval: [f64; 2],
     /// Numbers of trials by end.
     pub ends: Ends,
@@ -34,10 +34,10 @@ pub struct Cell {
     pub duration_s: Summary,
 }
 
-/// Rank correlation of a drawn quantity with the final errors in one combination.
+/// Rank correlation of a drawn quantity with the final errors, in one combination of listed values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Influence {
-    /// Drawn key.
+    /// Scenario key of the drawn quantity.
     pub key: String,
     /// Index of the combination, as in `runs.csv`.
     pub cell: u64,
@@ -49,7 +49,7 @@ pub struct Influence {
     pub rank_correlation_e: Option<f64>,
     /// Spearman's rank correlation with the magnitude of the heading error.
     pub rank_correlation_heading: Option<f64>,
-    /// 5 % significance bound of the magnitude; `None` without a correlation.
+    /// 5 % significance bound of the correlations' magnitudes; `None` without a correlation.
     pub significance: Option<f64>,
     /// Reason for a missing correlation.
     pub note: Option<String>,
