@@ -310,7 +310,7 @@ pub struct ImageArgs {
 }
 
 impl ImageArgs {
-    /// Opens the images; an image that is not given is built.
+    /// Opens the images. An image that neither an option nor the environment names is built.
     pub fn open(&self) -> Result<Images, Error> {
         Images::open(self.axle_image.as_deref(), self.beam_image.as_deref())
     }

@@ -112,7 +112,7 @@ fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
             let text = input::text(file).map_err(|error| named(&error))?;
             script::parse(&text, scenario).map_err(|error| named(&error))
         }
-        // The whole step is one quoted argument.
+        // The whole step is one argument, for example in quotes.
         (None, [line]) => script::parse(line, scenario),
         (None, words) => {
             // `cli::word_for_clap` has put a space before each negative angle.

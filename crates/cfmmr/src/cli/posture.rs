@@ -108,7 +108,7 @@ fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<()
 }
 
 impl PostureArgs {
-    /// Selected rows of the table: `--no-rps` keeps the rows without gauges, `--imu` adds inertial sensors to every row.
+    /// Selected rows of the table: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
     /// With `--live` or `--dashboard` there is one row.
     fn variants(&self, outputs: &Outputs) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;

@@ -42,8 +42,9 @@ pub const FORMER_SIGMA: f64 = 1e-3;
 /// Standard deviation of the angle at which a turn by hand stops, rad.
 pub const MARK_SIGMA_RAD: f64 = 2e-3;
 
-/// Half side of the square, m; next constant: radius of the corners, m.
+/// Half side of the square that is driven to calibrate wheels, m.
 const HALF_SIDE_M: f64 = 1.0;
+/// Radius of the square's corners, m.
 const CORNER_M: f64 = 0.6;
 
 /// Simulated robot under calibration, with its boards.

@@ -66,9 +66,9 @@ pub struct CampaignReport {
     pub seed: u64,
     /// Number of runs.
     pub runs: usize,
-    /// The combinations, in the order of the file.
+    /// Results of each combination of listed values, in the order of the study.
     pub cells: Vec<Cell>,
-    /// The drawn quantities, each in every combination.
+    /// Rank correlations of each drawn quantity, one for each combination.
     pub influences: Vec<Influence>,
 }
 
@@ -127,7 +127,7 @@ pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
-/// Last two parts of a key.
+/// Last two names of a key: `robot.limits.bend_rad` gives `limits.bend_rad`.
 pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')
@@ -241,7 +241,7 @@ impl CampaignReport {
     }
 }
 
-/// Values of a combination.
+/// Listed values of a combination as text, for a table cell.
 fn label(values: &[(String, String)]) -> String {
     let values: Vec<&str> = values.iter().map(|(_, value)| value.as_str()).collect();
     match values.is_empty() {
@@ -250,8 +250,8 @@ fn label(values: &[(String, String)]) -> String {
     }
 }
 
-/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle` holds key and reason if the key
-/// has no effect there.
+/// Correlations of the drawn quantity at `index` in the runs of one combination. `idle` is the reason if the quantity
+/// has no effect in this combination.
 fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
     let drawn = numbers(index, rows);
     let with = |error: fn(&CampaignRow) -> f64| match idle {

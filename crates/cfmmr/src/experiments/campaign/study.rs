@@ -38,7 +38,7 @@ pub struct Study {
     /// Runs per file: a killed shard loses at most this many.
     #[serde(default = "fifty")]
     pub block: u32,
-    /// Start postures.
+    /// Source of the start postures.
     #[serde(default)]
     pub starts: Starts,
     /// Varied keys.
@@ -57,7 +57,7 @@ const fn fifty() -> u32 {
     50
 }
 
-/// Start postures.
+/// Source of the start postures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Starts {
@@ -157,8 +157,8 @@ impl Vary {
     }
 }
 
-/// Number of a value; of a list, for example one entry per wheel, the common number of all entries. `None` if there is
-/// no such number.
+/// Number that a value states. For a list of equal numbers, for example one per wheel, it is this number; `None` for
+/// any other value.
 pub fn number(value: &toml::Value) -> Option<f64> {
     match value {
         toml::Value::Float(value) => Some(*value),
@@ -413,7 +413,7 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
 }
 
 impl Draw {
-    /// Smallest and largest value.
+    /// Smallest and largest value of the distribution.
     fn bounds(self) -> [f64; 2] {
         match self {
             Self::Uniform(range) | Self::LogUniform(range) => range,
@@ -431,7 +431,7 @@ impl Draw {
             Self::Normal([mean, sigma]) => mean + bounded(random, sigma),
         };
         let [low, high] = self.bounds();
-        // Rounding could leave the bounds.
+        // Rounding could take the value beyond the bounds.
         value.clamp(low, high)
     }
 }
