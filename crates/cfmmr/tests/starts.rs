@@ -64,7 +64,7 @@ fn figures_of_a_trial_agree_with_its_records() {
         "{outcome:?} {length}"
     );
     assert!((outcome.max_commanded_curvature / kappa(commanded) - 1.0).abs() < 1e-6);
-    // `outcome` takes its maximum over every tick, the records have every tenth, so the ratio is at least 1.
+    // `outcome` has the maximum over all ticks, the records only every tenth tick, so the ratio is at least 1.
     let ratio = outcome.max_curvature / kappa(steering);
     assert!((1.0..1.01).contains(&ratio), "{ratio}");
     assert!((outcome.max_path_curvature / turning - 1.0).abs() < 0.02);

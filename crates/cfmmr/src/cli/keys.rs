@@ -127,7 +127,7 @@ fn markdown_value(value: &toml::Value) -> String {
     }
 }
 
-/// The keys as a page of tables.
+/// Keys as a page of Markdown tables: all, or those of table `wanted`.
 pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     let mut text = String::from(
         "# Keys of a scenario\n\n\

@@ -5,7 +5,7 @@ use host_sim::base::error::Error;
 use output::terminal;
 use std::fmt::Write;
 
-/// The text of `docs/parameters.md`.
+/// All parameters as a page in Markdown, which `cfmmr parameters` prints.
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Parameters\n\n\

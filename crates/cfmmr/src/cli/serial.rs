@@ -80,7 +80,7 @@ mod tests {
         {
             assert_eq!(*number, i.to_string(), "{section}");
             assert_eq!(*name, format!("`{variant}`"));
-            // A cell without backticks describes in words a content without field names.
+            // A cell that begins with a word describes a content without field names, so it is not compared.
             if content.is_empty() || content.starts_with('`') {
                 let documented_fields = content
                     .split("<br>")

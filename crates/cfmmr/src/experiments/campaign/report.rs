@@ -39,7 +39,7 @@ pub struct Cell {
 pub struct Influence {
     /// Scenario key of the drawn quantity.
     pub key: String,
-    /// Index of the combination, as in `runs.csv`.
+    /// Index of the combination of listed values, as in `runs.csv`.
     pub cell: u64,
     /// The listed quantities and their values.
     pub values: Vec<(String, String)>,
