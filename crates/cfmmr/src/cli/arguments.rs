@@ -155,8 +155,8 @@ pub struct LogArgs {
     /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = recording::address)]
     pub live: Option<SocketAddr>,
-    /// Let web pages of this origin (scheme and host) connect to --live; may be repeated [default: pages of this machine
-    /// only]
+    /// Let web pages of this origin (scheme and host) connect to --live; may be repeated [default: pages of this
+    /// machine only]
     #[arg(long, value_name = "ORIGIN", requires = "live")]
     pub live_origin: Vec<String>,
 }

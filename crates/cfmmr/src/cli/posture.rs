@@ -12,7 +12,7 @@ use host_sim::scenario::Scenario;
 use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
 
-/// Selection of the table's rows.
+/// Selection of the rows (sensors and fusion) of the result table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RowSelection {
     /// Encoders alone, the paper's fusion, the joint filter.

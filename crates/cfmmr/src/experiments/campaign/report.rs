@@ -127,7 +127,7 @@ pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
-/// Last two names of a key: `robot.limits.bend_rad` gives `limits.bend_rad`.
+/// Last two names of a key: `robot.lead.limits.bend_rad` gives `limits.bend_rad`.
 pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')

@@ -243,7 +243,7 @@ impl Study {
         self.check_cells(cells)
     }
 
-    /// Checks that every combination is a valid scenario, and that each varied key has an effect in at least one of them.
+    /// Checks that every combination is a valid scenario, and that each varied key has an effect in at least one.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {

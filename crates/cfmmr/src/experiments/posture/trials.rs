@@ -38,7 +38,7 @@ impl Trial {
 }
 
 /// Runs the trials of each scenario; an interrupt leaves out trials. Rows with `is_shown` keep paths of their trials
-/// and every epoch of the median trial.
+/// and every epoch of the first and of the median trial.
 pub fn run(
     workers: &Workers,
     rows: &[Scenario],
