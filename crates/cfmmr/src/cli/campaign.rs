@@ -1,4 +1,4 @@
-//! `cfmmr campaign`: a Monte Carlo study over variations of a scenario, in any number of parts.
+//! `cfmmr campaign`: computes a Monte Carlo study over variations of a scenario, in any number of shards.
 
 use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::Workers;
@@ -88,7 +88,7 @@ pub fn run(args: &CampaignArgs) -> Result<(), Error> {
     }
 }
 
-/// Computes the missing blocks of one part; `variable` reads the environment.
+/// Computes the missing blocks of one shard; `variable` reads an environment variable.
 fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
@@ -178,7 +178,7 @@ mod tests {
     use clap::Parser;
     use std::path::Path;
 
-    /// Arguments of `campaign` as typed.
+    /// Parses a command line of `campaign`.
     fn typed(line: &[&str]) -> CampaignArgs {
         #[derive(Parser)]
         struct Typed {
@@ -255,7 +255,7 @@ mod tests {
         let out = folder.path().join("out");
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
-        // Without --shard, this environment is refused.
+        // An environment that is refused without --shard is ignored with --shard.
         let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);

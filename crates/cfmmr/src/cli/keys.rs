@@ -16,7 +16,7 @@ pub struct KeysArgs {
     pub json: bool,
 }
 
-/// Default as Markdown.
+/// Default value of a key, in Markdown.
 fn markdown_value(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", shortest_decimal(*number)),
@@ -28,7 +28,7 @@ fn markdown_value(value: &toml::Value) -> String {
     }
 }
 
-/// The keys as a page of tables.
+/// Keys as a page of Markdown tables: all, or those of table `wanted`.
 pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     let mut text = String::from(
         "# Keys of a scenario\n\n\

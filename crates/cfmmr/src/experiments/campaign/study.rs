@@ -38,7 +38,7 @@ pub struct Study {
     /// Runs per file: a killed shard loses at most this many.
     #[serde(default = "fifty")]
     pub block: u32,
-    /// Start postures.
+    /// Source of the start postures.
     #[serde(default)]
     pub starts: Starts,
     /// Varied keys.
@@ -57,7 +57,7 @@ const fn fifty() -> u32 {
     50
 }
 
-/// Start postures.
+/// Source of the start postures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Starts {
@@ -93,7 +93,7 @@ pub struct Vary {
 pub enum Kind<'a> {
     /// Grid values.
     Values(&'a [toml::Value]),
-    /// Drawn in each trial.
+    /// Random value, drawn in each trial.
     Drawn(Draw),
 }
 
@@ -157,8 +157,8 @@ impl Vary {
     }
 }
 
-/// Number of a value; of a list, for example one entry per wheel, the common number of all entries. `None` if there is
-/// no such number.
+/// Number that a value states. For a list of equal numbers, for example one per wheel, it is this number; `None` for
+/// any other value.
 pub fn number(value: &toml::Value) -> Option<f64> {
     match value {
         toml::Value::Float(value) => Some(*value),
@@ -176,13 +176,13 @@ pub fn number(value: &toml::Value) -> Option<f64> {
 /// One run of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudyRun {
-    /// Index of the combination.
+    /// Index of the combination of listed values.
     pub cell: u64,
     /// Index of the trial.
     pub trial: u32,
     /// Value of each varied quantity, in the order of the file.
     pub values: Vec<toml::Value>,
-    /// Mission, robot and world.
+    /// Mission, robot and world, with the values of this run.
     pub scenario: Scenario,
 }
 
@@ -243,7 +243,7 @@ impl Study {
         self.check_cells(cells)
     }
 
-    /// Checks that every combination is a valid scenario, and that each varied key has an effect in a combination.
+    /// Checks that every combination is a valid scenario, and that each varied key has an effect in at least one.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
@@ -292,7 +292,7 @@ impl Study {
             self.scenario(0, &values).map_err(|error| {
                 let error = error.to_string();
                 let keys = corner.iter().map(|(i, value)| (&self.vary[*i].key, value));
-                // An error about one key contains its value.
+                // If the error is about a drawn key, it already states key and value.
                 if keys
                     .clone()
                     .any(|(key, _)| error.starts_with(&format!("{key} = ")))
@@ -335,7 +335,7 @@ impl Study {
         self.runs().div_ceil(self.block.into())
     }
 
-    /// The runs of a block.
+    /// Numbers of the runs of a block.
     pub fn block_runs(&self, block: u64) -> std::ops::Range<u64> {
         let size = u64::from(self.block);
         let start = (block * size).min(self.runs());
@@ -347,7 +347,7 @@ impl Study {
         toml::to_string(self).map_err(|error| Error::Failure(error.to_string()))
     }
 
-    /// Combination and trial of run `index`.
+    /// Indices of combination and trial of run `index`.
     pub fn cell_and_trial(&self, index: u64) -> (u64, u32) {
         let trials = u64::from(self.trials);
         (index / trials, (index % trials) as u32)
@@ -413,7 +413,7 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
 }
 
 impl Draw {
-    /// Smallest and largest value.
+    /// Smallest and largest value of the distribution.
     fn bounds(self) -> [f64; 2] {
         match self {
             Self::Uniform(range) | Self::LogUniform(range) => range,
@@ -431,7 +431,7 @@ impl Draw {
             Self::Normal([mean, sigma]) => mean + bounded(random, sigma),
         };
         let [low, high] = self.bounds();
-        // Rounding could leave the bounds.
+        // Rounding could take the value beyond the bounds.
         value.clamp(low, high)
     }
 }

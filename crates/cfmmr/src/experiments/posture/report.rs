@@ -69,7 +69,7 @@ pub struct PostureRow {
 pub struct PostureReport {
     /// Trials in each row.
     pub trials: u32,
-    /// The rows.
+    /// Results by configuration.
     pub rows: Vec<PostureRow>,
 }
 
@@ -120,7 +120,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Posture
     }
 }
 
-/// Goal error of the default fusion against that of the first row, in one line; empty for a single row.
+/// Line with the goal errors of the joint filter (else of the last row) and of the first row; empty for a single row.
 pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     let mut pairs = rows.iter().zip(variants);
     let named = |(row, variant): (&PostureRow, &Variant)| {
@@ -197,7 +197,7 @@ impl PostureRow {
     }
 }
 
-/// End of each trial.
+/// Table `trials.csv`: end and errors of each trial.
 pub fn trials_csv<'a>(
     blocks: impl IntoIterator<Item = (&'a Variant, &'a Vec<Trial>)>,
     goal: [f64; 3],
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn final_errors_agree_with_the_polar_error_of_the_controller() {
-        // The on-board polar error in f32 is another implementation of the same definitions.
+        // `PolarError`, in f32 on board, implements the definitions of `FinalError` a second time.
         for (posture, goal) in [
             ([-1.3, -1.3, 0.2], [0.0, 0.0, 0.0]),
             ([0.5, 0.1, 3.0], [1.0, -1.0, -2.5]),
