@@ -9,7 +9,7 @@ use crate::run::drive::{DriveTask, Progress, drive};
 use crate::run::end::RunEnd;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
-use crate::targets::HostCommand;
+use crate::targets::{HostCommand, Room};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Tolerance;
 use core_algos::node::lead::Task;
@@ -319,7 +319,11 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
     }
 
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
-        self.stream.feed(robot)
+        let room = robot.room();
+        match self.stream.next(room) {
+            Some(points) => robot.command(&points),
+            None => Ok(()),
+        }
     }
 
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
@@ -389,7 +393,7 @@ pub fn drive_on(
 }
 
 /// Points not yet sent to the robot.
-struct Stream {
+pub struct Stream {
     points: Points,
     /// True if the end of the path was sent.
     ended: bool,
@@ -401,7 +405,8 @@ enum Points {
 }
 
 impl Stream {
-    fn new(route: &Route, path_mode: PathMode) -> Self {
+    /// All points of a route.
+    pub fn new(route: &Route, path_mode: PathMode) -> Self {
         let points = match path_mode {
             PathMode::Follow => Points::Path(route.path.points()),
             PathMode::Track => Points::Trajectory(route.trajectory.to_points()),
@@ -412,32 +417,32 @@ impl Stream {
         }
     }
 
-    /// Fills the robot's buffer and declares the end after the last point.
-    fn feed(&mut self, robot: &mut impl Robot) -> Result<(), Error> {
+    /// Command with the next points that fit into `room`, with the end after the last point; `None` if there is nothing
+    /// to send.
+    pub fn next(&mut self, room: Room) -> Option<HostCommand> {
         if self.ended {
-            return Ok(());
+            return None;
         }
-        let room = robot.room();
-        self.ended = match &mut self.points {
+        let (command, sent) = match &mut self.points {
             Points::Path(points) => {
-                let fit = room.path.min(points.len());
-                let end = fit == points.len();
-                let now: Vec<_> = points.drain(..fit).collect();
-                if fit > 0 || end {
-                    robot.command(&HostCommand::Path { points: now, end })?;
-                }
-                end
+                let (points, end) = first(points, room.path);
+                let sent = points.len();
+                (HostCommand::Path { points, end }, (sent, end))
             }
             Points::Trajectory(points) => {
-                let fit = room.trajectory.min(points.len());
-                let end = fit == points.len();
-                let now: Vec<_> = points.drain(..fit).collect();
-                if fit > 0 || end {
-                    robot.command(&HostCommand::Trajectory { points: now, end })?;
-                }
-                end
+                let (points, end) = first(points, room.trajectory);
+                let sent = points.len();
+                (HostCommand::Trajectory { points, end }, (sent, end))
             }
         };
-        Ok(())
+        self.ended = sent.1;
+        (sent != (0, false)).then_some(command)
     }
+}
+
+/// Removes the first points, at most `room`; true if none is left.
+fn first<T>(points: &mut Vec<T>, room: usize) -> (Vec<T>, bool) {
+    let fit = room.min(points.len());
+    let removed = points.drain(..fit).collect();
+    (removed, points.is_empty())
 }

@@ -143,8 +143,19 @@ impl Rig {
     /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next
     /// tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
     pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
-        let (now, tick) = (self.now(), self.tick as u32);
         self.read(truth);
+        self.step_boards()
+    }
+
+    /// [`Self::step`] with readings in place of the sensors.
+    pub fn step_with(&mut self, readings: &Readings) -> Result<&[[f64; 2]], Error> {
+        self.readings.clone_from(readings);
+        self.step_boards()
+    }
+
+    /// One tick of the boards with the latest readings.
+    fn step_boards(&mut self) -> Result<&[[f64; 2]], Error> {
+        let (now, tick) = (self.now(), self.tick as u32);
         self.disturb(tick)?;
         let Self {
             boards,

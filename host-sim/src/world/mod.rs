@@ -255,6 +255,16 @@ impl World {
 
     /// Plant of one robot, with or without the mass of the strain sensing.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
+        self.plant_config_of(robot, sensing)?
+            .build(robot.track_factor.len())
+    }
+
+    /// Constants of one robot's plant, with or without the mass of the strain sensing.
+    pub fn plant_config_of(
+        &self,
+        robot: &Drawn,
+        sensing: bool,
+    ) -> Result<PlantConfig, ConfigError> {
         let axles = robot.track_factor.len();
         let mut plant = self.plant.for_axles(axles)?;
         if !sensing {
@@ -267,7 +277,7 @@ impl World {
             }
         }
         robot.plant.apply(&mut plant);
-        plant.build(axles)
+        Ok(plant)
     }
 
     /// True positions of one robot's gauges on the strip of each frame.
