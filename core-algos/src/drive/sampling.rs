@@ -197,7 +197,7 @@ mod tests {
         }
     }
 
-    /// The compare values lie on both sides of each change of the place.
+    /// The compare values lie on both sides of each boundary between two places of the window.
     #[test]
     fn window_is_clean_at_each_change_of_the_place() {
         let limits = [
@@ -349,14 +349,15 @@ mod tests {
     #[test]
     fn timing_is_accepted_up_to_its_exact_limits() {
         type Change = fn(&mut Timing, u16);
-        // 84 + 1828 counts are twice 956; 400 + 578 + 850 counts are 1828; half a window is 272.
+        // Limits. Settling: 84 + 1828 counts are twice 956. Settling with an earliest compare value of 400: 400 + 578 +
+        // 850 counts are 1828. Trim: half a window is 272.
         let settling: Change = |timing, value| timing.settling = value;
         let late: Change = |timing, value| (timing.earliest, timing.settling) = (400, value);
         let margin: Change = |timing, value| {
             (timing.earliest, timing.settling, timing.margin) = (400, 850, value);
         };
         let trim: Change = |timing, value| timing.trim = value;
-        // 2 × 3781 counts less 3672 and 1160 are one less than 1571 + 1160.
+        // At a trim of 421 the lowest top is 3781, and 2 × 3781 − 3672 − 1160 is one less than 1571 + 1160: the limit.
         let wide: Change = |timing, value| {
             (timing.top, timing.window, timing.margin) = (4202, 1060, 100);
             (timing.settling, timing.trim) = (300, value);
@@ -379,7 +380,7 @@ mod tests {
                 assert_eq!(timing.build().is_some(), accepted, "{k}: {value}");
             }
         }
-        // Differences that would be below zero.
+        // With these values a subtraction of the checks would give a negative result.
         for (trim, window) in [(5000, 544), (2200, 544), (127, 4300)] {
             let timing = Timing {
                 trim,

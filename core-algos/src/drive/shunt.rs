@@ -17,7 +17,7 @@ declare! {
         pub volts_per_ampere: f32 = 0.2, "V/A": Range(-10.0, 10.0);
         /// Reference of the converter.
         pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
-        /// Counts closer than this to either end of the converter are no reading.
+        /// Counts closer than this to 0 or to full scale are rejected.
         pub rail_margin_counts: u16 = 20, "counts": Range(0.0, 999.0);
         /// Largest accepted offset of the zero from the middle.
         pub max_offset_a: f32 = 0.2, "A": Range(0.0, 100.0);

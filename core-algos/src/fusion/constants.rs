@@ -57,8 +57,8 @@ pub const GYRO_BIAS: usize = 16;
 pub const GYRO_SCALE: usize = 18;
 /// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants other than the compliances that affect an axle's advance, of front and rear. `OF_ASIDE` and `OF_HEADING`
-/// list the constants that affect its lateral motion and its heading.
+/// Indices of the constants, except the compliances, that affect the advance of the front axle and of the rear axle.
+/// `OF_ASIDE` and `OF_HEADING` list those that affect lateral motion and heading.
 pub(super) const OF_AHEAD: [[usize; 3]; 2] =
     [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
@@ -73,8 +73,8 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     ],
 ];
 
-/// Error of an increment (m, m, rad) if constant k has the error `of(k)`: the product with
-/// [`IncrementInputs::by_constants`], over the few nonzero entries.
+/// Error of an increment (m, m, rad) if constant k has the error `of(k)`: the product of
+/// [`IncrementInputs::by_constants`] and these errors, over the few nonzero entries.
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,
@@ -129,7 +129,7 @@ impl Tyres {
 pub struct IncrementInputs {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
-    /// Posture reached, in the frame of departure (m, m, rad).
+    /// Posture at the end of the increment in the axle's frame at its start (m, m, rad).
     pub moved: Posture,
     /// Heading of the front axle less that of the rear.
     pub relative_heading: RelativeHeading,

@@ -99,7 +99,7 @@ pub struct Ipec {
     gate: f32,
 }
 
-/// Both axles' postures as IPEC keeps them.
+/// Postures of both axles, and variance of the direction of the line between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Position and heading of axle 1 and axle 2, in `f64` as they are long sums of small increments.

@@ -153,7 +153,7 @@ impl State {
     pub(super) fn moved(&self, before: Posture, relative: Posture, heading: f32) -> Posture {
         let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
         let (x, y) = (0.5 * r.x, 0.5 * r.y);
-        // Tangent of the small angle between the chords before and after, taken as the angle.
+        // The line between the axles turns by a small angle, so the tangent is taken as the angle.
         let cross = relative.x * r.y - relative.y * r.x;
         let dot = relative.x * r.x + relative.y * r.y;
         Posture::new(
@@ -487,7 +487,7 @@ impl Joint {
     }
 
     /// Update by the beam. `measured` is the front axle's posture in the rear axle's frame with the covariance of its
-    /// noise. `accept` is true for an acceptable NIS (three degrees of freedom).
+    /// noise. `accept` decides whether a NIS (three degrees of freedom) is acceptable.
     pub fn update(
         &self,
         state: &mut State,

@@ -77,7 +77,7 @@ const REFERENCE_WAY_M: f32 = 1.0;
 const REFERENCE_TIME_S: f32 = 1.0;
 /// Duration of a drive up to which a constant bias covers the random walk of a gyro's bias, s.
 const WALK_TIME_S: f32 = 30.0;
-/// Ticks between two repairs of the joint filter's covariance.
+/// Ticks between two times that the joint filter's covariance is conditioned.
 const CONDITION_INTERVAL: u8 = 64;
 
 /// Fusion of both axles and the beam on the lead node (second tier), ready to run.
@@ -158,7 +158,7 @@ pub struct Inputs {
     pub beam: Option<Estimate>,
 }
 
-/// Estimates of the second tier after a tick.
+/// Estimates of the fusion after a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
@@ -192,7 +192,7 @@ enum Tracks {
     Joint(joint::State),
 }
 
-/// State of the second tier.
+/// State of the fusion of both axles and the beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     tracks: Tracks,
@@ -208,7 +208,7 @@ pub struct State {
     beam: Beam,
 }
 
-/// Record of the beam's measurements.
+/// Latest accepted measurement of the beam, and number of rejections since.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
     /// Last accepted relative posture.
@@ -456,7 +456,7 @@ impl RobotFusion {
         track
     }
 
-    /// Updates both axles by the beam, each with the other's value before the update.
+    /// Updates both axles by the beam. Each axle is updated from the other axle's posture before the update.
     fn join(
         &self,
         beam_state: &mut Beam,
@@ -468,7 +468,7 @@ impl RobotFusion {
         let relative = self.beam_track(beam);
         let predicted = front.posture.relative_to(rear.posture);
         let (by_front, by_rear) = front.posture.relative_jacobians(rear.posture);
-        // Correlation of the random parts unknown: twice their sum.
+        // The correlation of the random parts is unknown, so their sum is doubled below.
         let random = matrix::add(
             &matrix::propagate(&by_front, &front.random),
             &matrix::propagate(&by_rear, &rear.random),
@@ -535,7 +535,7 @@ impl RobotFusion {
         }
     }
 
-    /// O, intersected from two estimates: each axle's posture with the beam.
+    /// Posture of O by covariance intersection of two estimates: front axle with beam, and rear axle with beam.
     fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
         let relative = self.beam_track(beam);
         let link = Chain::midpoint_from_front(front.posture, beam.posture);
@@ -548,12 +548,12 @@ impl RobotFusion {
         }
     }
 
-    /// O halfway between the axles, without the beam.
+    /// Posture of O halfway between the axles, without the beam.
     fn middle_without_beam(&self, front: &Track, rear: &Track) -> Estimate {
         let chain = Chain::midpoint(front.posture, rear.posture);
         let mut middle = front.propagated(&chain, rear);
         if self.mode != Mode::Odometry {
-            // Once joined, the random parts are correlated to an unknown degree.
+            // Updates by the beam correlate the random parts to an unknown degree, so their covariance is doubled.
             middle.random = matrix::scale(&middle.random, 2.0);
         }
         middle.estimate()

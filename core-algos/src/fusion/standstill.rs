@@ -61,8 +61,8 @@ impl Config {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
         walk_per_sqrt_s: 5e-3,
-        // Reached after half a minute without rest. A bias of this size makes an axle at rest appear to move at a few
-        // mm/s.
+        // The standard deviation reaches this value after half a minute without rest. A bias of this size makes an axle
+        // at rest appear to move at a few mm/s.
         largest_sigma: 0.03,
     };
 
@@ -78,10 +78,10 @@ impl Config {
         } = *self;
         Ok(Zeroing {
             limit,
-            // Bandwidth: half the sample rate.
+            // The bandwidth of the noise is half the sample rate.
             noise: 0.5 * noise * noise / period,
             walk: walk * walk * period,
-            // Bias uniform within the limit.
+            // Variance of a bias that is uniform within ± the limit.
             unknown: limit * limit / 3.0,
             largest: largest * largest,
         })
@@ -119,11 +119,12 @@ impl Bias {
     }
 }
 
-/// Largest difference of readings at rest, in standard deviations of the noise. Noise alone stays below it for days.
+/// Limit of the difference between gyro readings at rest, in standard deviations of the noise. Noise alone stays below
+/// this limit for days.
 const SPREAD: f32 = 14.0;
 
 impl Zeroing {
-    /// Largest difference of readings at rest, in the sensor's unit.
+    /// Limit of the difference between readings at rest, in the sensor's unit.
     pub fn spread(&self) -> f32 {
         SPREAD * sqrt(self.noise)
     }
@@ -156,7 +157,7 @@ pub struct RestTimes {
     pub hold: u16,
     /// For the gyro: shortest time since the motors were last on.
     pub settle: u32,
-    /// For the gyro: largest difference of the readings since the rest began, rad/s.
+    /// For the gyro: limit of the difference between readings since the rest began, rad/s.
     pub spread: f32,
 }
 
@@ -168,7 +169,7 @@ pub struct RestDetector {
     off: u16,
     /// Ticks since the motors were last on.
     since_on: u32,
-    /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first reading.
+    /// Lowest and highest reading of the gyro since rest was last interrupted; `None` before the first reading.
     readings: Option<[f32; 2]>,
 }
 

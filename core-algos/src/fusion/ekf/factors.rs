@@ -36,9 +36,9 @@ pub(super) const YAW_ACCELERATION: usize = 3;
 pub struct Covariance {
     /// Covariance of the motion states: D on the diagonal, U above it, zeros below.
     motion: Mat<M, M>,
-    /// G.
+    /// Matrix G: dependence of the posture error on the errors of the motion states.
     follow: Mat<3, M>,
-    /// Covariance of e, in the form of `motion`.
+    /// Covariance of e, the part of the posture error that is independent of the motion, factorised like `motion`.
     own: Mat3,
     /// True if an entry of U correlates (v, v̇) with (φ̇, φ̈). Two wheels of equal noise measure v and φ̇ separately,
     /// so that the two pairs are usually two filters of two states.
@@ -74,8 +74,8 @@ pub(super) struct Motion {
     pub dy: f32,
 }
 
-/// Rank-one update of column `J` of a factorised matrix by `variance · a aᵀ`. `a` and `variance` become those of the
-/// columns before `J`. Returns β and the ratio of the old to the new diagonal entry.
+/// Rank-one update of column `J` of a factorised matrix by `variance · a aᵀ`. On return `a` and `variance` describe the
+/// rest of the update, for the columns before `J`. Returns β and the ratio of the old to the new diagonal entry.
 fn absorb<const K: usize, const J: usize>(
     factors: &mut Mat<K, K>,
     a: &mut [f32; K],
@@ -201,7 +201,7 @@ impl Covariance {
         factors
     }
 
-    /// Entry of D.
+    /// Diagonal entry `i` of D of the whole matrix.
     fn pivot(&self, i: usize) -> f32 {
         match i {
             0..3 => self.own[i][i],
@@ -209,7 +209,7 @@ impl Covariance {
         }
     }
 
-    /// Entry of U: row `i`, column `j`.
+    /// Entry of U of the whole matrix: row `i`, column `j`.
     fn unit(&self, i: usize, j: usize) -> f32 {
         self.wide_unit(i, j) as f32
     }

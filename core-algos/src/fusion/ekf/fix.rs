@@ -56,7 +56,7 @@ impl AxleFilter {
         let z: Vec3 = [posture.x, posture.y, posture.phi];
         let mut innovation = [0.0; 3];
         for i in 0..3 {
-            // z − high first: exact for near values, so that the low part is not lost.
+            // The high part is subtracted first: this difference of near values is exact, so the low part is not lost.
             innovation[i] = (z[i] - state.posture[i].high) - state.posture[i].low;
         }
         innovation[PHI] = wrap_angle(innovation[PHI]);

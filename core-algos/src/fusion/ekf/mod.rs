@@ -181,8 +181,8 @@ impl Refusals {
         Verdict::Used
     }
 
-    /// Verdict on a scalar measurement. `noise` is the variance of its noise, `predicted` that of its prediction,
-    /// computed only if the noise alone does not decide.
+    /// Verdict on a scalar measurement. `noise` is the variance of its noise. `predicted` computes the variance of its
+    /// prediction, only if `noise` alone does not decide.
     fn scalar_verdict(
         &mut self,
         innovation: f32,
@@ -193,7 +193,7 @@ impl Refusals {
     ) -> Verdict {
         let square = innovation * innovation;
         let nis = || {
-            // Upper bound of the NIS: that of an exact prediction.
+            // Upper bound of the NIS: its value if the prediction were exact.
             let most = square / noise;
             match gate {
                 Some(gate) if most <= gate => most,
@@ -350,13 +350,13 @@ impl State {
         }
     }
 
-    /// Ends an interval for the second tier. Returns the odometric posture, which continues across intervals, and the
-    /// covariance added in this interval (errors along and across the heading, in heading).
+    /// Ends an interval between two increments for the lead node. Returns the odometric posture, which continues across
+    /// intervals, and the covariance added in this interval (errors along and across the heading, in heading).
     ///
     /// The posture's error has two parts. One follows the errors of speed and acceleration; later measurements still
     /// reduce it. The other, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ, is permanent and independent from interval to interval; it is taken
-    /// out of the filter here. So the filter goes on smoothing across intervals, the sum of all increments carries
-    /// the whole uncertainty, and the covariance stays in the range of `f32`.
+    /// out of the filter here. So the filter goes on smoothing across intervals, the sum of all increments carries the
+    /// whole uncertainty, and the covariance stays in the range of `f32`.
     ///
     /// Meant for an axle without posture fixes: a fix moves the posture, not the odometry.
     pub fn take_increment(&mut self) -> Estimate {
@@ -388,7 +388,7 @@ impl AxleFilter {
         state.advance(by);
     }
 
-    /// Time update of all but the posture; returns the posture's displacement.
+    /// Time update of all states except the posture; returns the posture's displacement.
     #[inline(always)]
     fn move_on(&self, state: &mut State) -> [f32; 3] {
         let t = self.t;

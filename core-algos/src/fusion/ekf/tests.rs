@@ -161,7 +161,7 @@ fn pair(
     (filter, fix, State::from_parts(x0, &p0), reference)
 }
 
-/// Largest pose error and largest normalised covariance error.
+/// Largest error of a posture component (m or rad), and largest normalised covariance error.
 fn errors(state: &State, reference: &Reference) -> (f64, f64) {
     let p = state.covariance().matrix();
     let posture = state.precise_posture();
@@ -282,8 +282,8 @@ fn equals_the_textbook_filter() {
     }
 }
 
-/// Noise as densities and wheels of equal noise: speed and yaw rate are two separate filters. A lost wheel couples
-/// them until some time after it returns.
+/// With noise given as densities and wheels of equal noise, speed and yaw rate are two separate filters. A lost wheel
+/// measurement couples them until some time after its return.
 #[test]
 fn equals_the_textbook_filter_with_speed_and_yaw_rate_separate() {
     let noise = Densities {
@@ -326,7 +326,7 @@ fn equals_the_textbook_filter_with_speed_and_yaw_rate_separate() {
         let mut random = Random::new(23);
         let mut coupled = [0, 0];
         for step in 1..=2000 {
-            // Losses end, so that the coupling can decay.
+            // Measurements are lost only before step 300, so that the coupling can decay.
             let loss = if step < 300 { loss } else { 0.0 };
             let z = drive(&mut random, step as f64 * t, sigmas, loss);
             filter.step(&mut state, &z);
@@ -390,7 +390,7 @@ fn positive_definite_over_a_million_steps_with_and_without_fixes() {
 
 #[test]
 fn position_and_heading_keep_their_digits_over_a_million_steps() {
-    // Motion model alone, on a circle of many turns.
+    // Only the motion model runs, on a circle of many turns.
     let filter = node_filter(false);
     let (v, omega) = (0.3f32, 0.41f32);
     let mut state = State::from_parts(
@@ -579,7 +579,7 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
             );
         }
     }
-    // A displacement of more than half a turn wraps.
+    // The heading wraps after a displacement of more than half a turn.
     let mut state = start();
     state.advance([1.0, 0.0, 0.0]);
     state.advance([3e-8, 0.0, 20.0]);

@@ -38,7 +38,7 @@ impl Motion {
         let rear = self.rear_error.of::<1>(states);
         let [x, y, phi, ahead, aside, turned, ..] = *states;
         let mut moved = [0.0; 6];
-        // The last row of each matrix is that of a rotation: it passes the heading error on.
+        // The loop leaves out the last row of each matrix, (0, 0, 1), which keeps the heading error.
         for i in 0..2 {
             moved[i] = row_times_column(&self.by_rear[i], &[x, y, phi])
                 + row_times_column(&self.turn_back[i], &rear);

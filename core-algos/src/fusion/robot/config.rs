@@ -80,7 +80,7 @@ declare! {
 }
 
 impl Config {
-    /// Builds the second tier; an error names the parameter out of range.
+    /// Builds the fusion; an error names the parameter out of range.
     pub fn build(&self) -> Result<RobotFusion, ConfigError> {
         self.check_ranges()?;
         self.slip.check_ranges()?;

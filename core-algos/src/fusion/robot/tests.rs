@@ -214,7 +214,7 @@ fn pose(posture: Posture) -> Pose {
     <[f32; 3]>::from(posture).map(f64::from)
 }
 
-/// O of two axles.
+/// Posture of O from the postures of both axles.
 fn middle(front: Pose, rear: Pose) -> Pose {
     let (x, y) = (front[0] - rear[0], front[1] - rear[1]);
     [
@@ -337,7 +337,7 @@ enum Disturbance {
     Floor([f64; 2]),
     /// Errors of every increment of front and rear, in the start frame of the increment.
     Steady([Pose; 2]),
-    /// Error of the increment of a step and axle, in its end frame.
+    /// Error of one increment, in its end frame: step, axle and error.
     Noise(usize, usize, Pose),
 }
 
@@ -492,7 +492,8 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
         };
         let by = [0, 1].map(derivative);
         let by_beam = constants::beam_by_constants(posture);
-        // True less estimated relative posture; the constants of the beam add to the beam's reading.
+        // Effect of constant `k` on component `i` of the true less the estimated relative posture. The constants of the
+        // beam add to the beam's reading.
         let owed = |i: usize, k: usize| -> f64 {
             let of_axles =
                 (0..6).map(|n| by[n / 3][i][n % 3] * f64::from(before[n / 3].constants[n % 3][k]));
