@@ -187,7 +187,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {
             now = now.saturating_add_signed(tick.passed);
-            // The lead node works at one time of an epoch: even intervals are moved to that time.
+            // The lead node works at one phase of an epoch, so ticks with an even interval are moved to that phase.
             let at = match tick.passed % 2 {
                 0 => now / EPOCH * EPOCH + LEAD_PHASE,
                 _ => now,

@@ -24,7 +24,7 @@ pub struct Timing {
     pub top: u16,
     /// Largest trim of the top to either side.
     pub trim: u16,
-    /// Time from the trigger to the end of the last reading.
+    /// Time from the trigger to the end of the last sampling.
     pub window: u16,
     /// Least time from an edge of the timer to the first reading, at any pair of duties.
     pub settling: u16,
@@ -72,11 +72,12 @@ impl Timing {
     }
 }
 
-/// Timing of the axle board: 168 counts per microsecond, two conversions of 28 cycles at 21 MHz.
+/// Timing of the axle board: 168 counts per microsecond, two conversions of 40 cycles at 21 MHz, of which 28 are the
+/// sampling time.
 pub const AXLE: Timing = Timing {
     top: 4200,
     trim: i8::MAX as u16,
-    // 3.24 µs.
+    // 3.24 µs: one conversion and the sampling time of the next.
     window: 544,
     // 5.5 µs.
     settling: 930,

@@ -21,7 +21,7 @@ declare! {
         pub rail_margin_counts: u16 = 20, "counts": Range(0.0, 999.0);
         /// Largest accepted offset of the zero from the middle.
         pub max_offset_a: f32 = 0.2, "A": Range(0.0, 100.0);
-        /// Largest standard deviation of a reading at rest.
+        /// Largest accepted standard deviation of the readings at rest.
         pub max_noise_a: f32 = 0.1, "A": Range(1e-4, 100.0);
     }
 }

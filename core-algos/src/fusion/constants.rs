@@ -33,27 +33,28 @@ use crate::math::matrix::Mat;
 use crate::math::trig::{sin_cos, sinc};
 use crate::math::{Posture, RelativeHeading};
 
-/// Number of constants.
+/// Number of constant errors.
 pub const COUNT: usize = 20;
-/// Zeros of the gauges (2).
+/// Index of the first of two constants: zeros of the gauges.
 pub const ZERO: usize = 0;
-/// Gains of the gauges (2).
+/// Index of the first of two constants: gains of the gauges.
 pub const GAIN: usize = 2;
-/// Heading drift of front and rear.
+/// Index of the heading drift of the front axle; the rear axle's is next.
 pub const DRIFT: usize = 4;
-/// Scale error of front and rear.
+/// Index of the scale error of the front axle; the rear axle's is next.
 pub const SCALE: usize = 6;
-/// Scale errors of the headings from the wheels, front and rear.
+/// Index of the scale error of the heading from the front wheels; that from the rear wheels is next.
 pub const TURN: usize = 8;
-/// Lateral motion per forward motion of front and rear.
+/// Index of the lateral per forward motion of the front axle; the rear axle's is next.
 pub const SIDE: usize = 10;
-/// Slip per metre under the frame's moment: mean and half the difference of front and rear.
+/// Index of the mean of the axles' slip per metre under the frame's moment; half the difference, front less rear, is
+/// next.
 pub const COMPLIANCE: usize = 12;
-/// Slip per metre of the right tyre beyond the mean of both tyres of an axle, of front and rear.
+/// Index of the slip per metre of the front axle's right tyre beyond the mean of its tyres; the rear axle's is next.
 pub const UNEVEN: usize = 14;
-/// Bias of the gyros of front and rear.
+/// Index of the bias of the front gyro; the rear gyro's is next.
 pub const GYRO_BIAS: usize = 16;
-/// Scale error of the gyros of front and rear.
+/// Index of the scale error of the front gyro; the rear gyro's is next.
 pub const GYRO_SCALE: usize = 18;
 /// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;

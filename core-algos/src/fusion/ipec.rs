@@ -16,9 +16,9 @@
 //!    (ds₁ cos g₁ − ds₂ cos g₂)² σ_α²]/B².
 //!
 //! Axle 1 is the front axle. r is axle 2's posture in axle 1's frame, the inverse of the beam's measurement.
-//! [`Ipec::step`] applies all five steps. [`Ipec::weigh`] serves the second tier: it averages three estimates of the
-//! line's direction (positions, front odometry, rear odometry) by inverse variance. An axle whose heading change is
-//! implausible (bump, slip) is left out. Constant errors of the beam add up linearly, not in square; the configured
+//! [`Ipec::step`] applies all five steps. [`Ipec::weigh`] serves [`robot`](super::robot): it averages three estimates
+//! of the line's direction (positions, front odometry, rear odometry) by inverse variance. An axle whose heading change
+//! is implausible (bump, slip) is left out. Constant errors of the beam add up linearly, not in square; the configured
 //! drift per √m stands for them.
 //!
 //! Nothing here panics. A relative posture that is not finite or shorter than
@@ -91,7 +91,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ipec {
     inverse_track: f32,
-    /// σ_ds².
+    /// Variance of an axle's advance in an interval, σ_ds², m².
     step_variance: f32,
     lateral_variance: f32,
     heading_variance: f32,
@@ -293,7 +293,7 @@ impl Direction {
         })
     }
 
-    /// σ_α².
+    /// Variance of the measured direction, σ_α², rad².
     fn variance(&self, lateral_variance: f32) -> f32 {
         lateral_variance / (self.baseline * self.baseline)
     }

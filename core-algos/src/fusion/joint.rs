@@ -65,7 +65,7 @@ use crate::math::{Posture, RelativeHeading};
 pub const N: usize = FIRST + constants::COUNT;
 const REL: usize = 3;
 const REL_PHI: usize = 5;
-/// Index of the first constant.
+/// Index of the first constant error among the states.
 const FIRST: usize = 6;
 /// States that affect the beam's measurement besides the relative posture.
 const OF_BEAM_STATES: [usize; OF_BEAM] = [
@@ -75,7 +75,7 @@ const OF_BEAM_STATES: [usize; OF_BEAM] = [
     FIRST + GAIN + 1,
 ];
 
-/// L⁻¹ b of a lower triangle L.
+/// Solves L x = b for a lower triangular L.
 fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
     let mut x = *b;
     for i in 0..3 {
@@ -104,16 +104,16 @@ const GRAVITY: f32 = 9.81;
 pub struct Joint {
     t: f32,
     tyres: Tyres,
-    /// Prior variances of the constants.
+    /// Prior variances of the constant errors.
     prior: [f32; constants::COUNT],
-    /// Reciprocal of the size of a constant at which its sensor is inconsistent; 0 for a constant that is not
-    /// estimated.
+    /// Reciprocal of the size of a constant error at which its sensor is inconsistent; 0 for a constant error that is
+    /// not estimated.
     per_limit: [f32; constants::COUNT],
-    /// Factor by which an estimated constant fades per tick.
+    /// Factor by which the estimate of a constant error fades per tick.
     kept: f32,
-    /// Variance added to each constant per tick.
+    /// Variance added to each constant error per tick.
     walk: [f32; constants::COUNT],
-    /// Variance of the considered turn of the robot per metre.
+    /// Variance of a constant turn of the whole robot per metre, which the filter considers and does not estimate.
     steady_turn: f32,
     /// Variance of an axle's heading due to backlash, rad².
     backlash_heading: f32,
@@ -130,10 +130,10 @@ pub struct State {
     covariance: Covariance<N>,
     /// Relative heading that loads the tyres, from the last tick with the odometry of both axles.
     loading: RelativeHeading,
-    /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): displacement
-    /// by the floor per metre along its x and y, and turn per metre.
+    /// Derivatives of the rear axle's posture, in its own frame (m, m, rad), by the errors that are considered and not
+    /// estimated: displacement by the floor per metre along its x and y, and turn per metre.
     by_considered: [[f32; 3]; 3],
-    /// Variances of the considered errors.
+    /// Variances of the errors that are considered and not estimated.
     considered: [f32; 3],
 }
 
@@ -186,7 +186,7 @@ impl State {
         self.loading
     }
 
-    /// Estimates of the constants.
+    /// Estimates of the constant errors, in the order of [`constants`].
     pub fn constants(&self) -> [f32; constants::COUNT] {
         self.constants
     }
@@ -275,12 +275,13 @@ pub struct BeamUpdate {
     pub verdict: Verdict,
     /// Measured minus predicted relative posture (m, m, rad).
     pub innovation: [f32; 3],
-    /// Normalised innovation squared, 3 on average; infinite if the covariance of the innovation cannot be factored.
+    /// Normalised innovation squared, 3 on average if all covariances are true; infinite if the covariance of the
+    /// innovation cannot be factored.
     pub nis: f32,
 }
 
 impl Joint {
-    /// Prior standard deviations of the constants.
+    /// Prior standard deviations of the constant errors.
     pub fn prior_sigmas(&self) -> [f32; constants::COUNT] {
         self.prior.map(sqrt)
     }

@@ -85,16 +85,17 @@ const CONDITION_INTERVAL: u8 = 64;
 pub struct RobotFusion {
     mode: Mode,
     per_m: [f32; 3],
-    /// Variance across the heading, per metre and squared relative heading.
+    /// Variance of slip across the heading, per metre and squared relative heading.
     side_per_m: f32,
     position_per_tick: f32,
     heading_per_tick: f32,
     creep_per_tick: f32,
     creep_per_m: f32,
     period: f32,
-    /// Standard deviations of the constants.
+    /// Standard deviations of the constant errors.
     constants: [f32; constants::COUNT],
-    /// Slip speed under an unmeasured load of the frame: along, across (m/s), in heading (rad/s).
+    /// Standard deviation of the slip speed under an unmeasured load of the frame: along, across (m/s), in heading
+    /// (rad/s).
     load: [f32; 3],
     beam_gate: Option<f32>,
     patience: u16,

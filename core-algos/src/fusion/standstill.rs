@@ -35,7 +35,7 @@ use crate::topology::Wheels;
 declare! {
     /// Parameters of one sensor, in its unit: rad/s for a gyro, m/s² for an accelerometer.
     pub struct Config {
-        /// Largest magnitude of a bias.
+        /// Largest accepted magnitude of a bias.
         pub limit: f32 = Self::GYRO.limit, "rad/s or m/s²": Positive;
         /// Density of the white noise, one-sided.
         pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz or m/s²/√Hz": Positive;

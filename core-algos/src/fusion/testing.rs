@@ -1,4 +1,4 @@
-//! Random numbers, matrices and postures in `f64` for tests, independent of those of the product.
+//! Random numbers, matrices and postures in `f64` for tests, independent of the code under test.
 
 /// SplitMix64.
 pub(crate) struct Random(pub(crate) u64);

@@ -90,14 +90,14 @@ mod tests {
         for (now, owner, sequence, expected) in [
             (5_000_000, 1, 7, Ok(())),
             (6_000_000, 2, 9, LEASED),
-            // Refused orders renew nothing.
+            // A refused order does not renew the lease.
             (6_000_000, 1, 7, OLD),
             (6_000_001, 2, 1, Ok(())),
             (6_000_001, 1, 9, LEASED),
             (7_000_001, 1, 9, LEASED),
             (7_000_001, 2, 2, Ok(())),
             (8_000_001, 1, 9, LEASED),
-            // The end of the lease makes no order newer.
+            // An old order is refused also after the end of the lease.
             (8_000_002, 2, 2, OLD),
             (8_000_002, 2, 3, Ok(())),
             (3_000_000, 1, 9, LEASED),

@@ -80,7 +80,7 @@ pub enum Request<'a> {
     Release(Stamp),
     /// One tick of an axle board.
     Axle {
-        /// Time, ms.
+        /// Time of the tick, ms.
         tick: u32,
         /// Readings of its sensors.
         samples: axle::Samples,
@@ -89,7 +89,7 @@ pub enum Request<'a> {
     },
     /// One tick of a beam board.
     Beam {
-        /// Time, ms.
+        /// Time of the tick, ms.
         tick: u32,
         /// Readings of its sensors.
         samples: beam::Samples,
@@ -251,7 +251,7 @@ pub enum Reply<'a> {
     },
 }
 
-/// Crash record of a board: what [`Reply::Crash`] holds.
+/// Crash record of a board, the content of [`Reply::Crash`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CrashRecord {
     /// Numbers of panics, processor faults, watchdog resets and stack overflows.
@@ -344,7 +344,7 @@ pub enum Refusal<'a> {
 /// Output of the lead node, and the room in its buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
-    /// Output of the step.
+    /// Output of the lead node's step.
     pub output: lead::Output,
     /// Time of the step, ms.
     pub tick: u32,
@@ -378,7 +378,7 @@ impl Spread {
     /// Replaces the output; the rest of the previous output is not sent.
     pub fn fill(&mut self, telemetry: &Telemetry) {
         let mut encoded = [0; MAX_TELEMETRY - 2];
-        // The largest output fits. If one did not, a length of 0 would be sent.
+        // The largest output fits. If an output did not fit, a length of 0 would be sent.
         let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
         self.bytes.clear();
         let length = (encoded.len() as u16).to_le_bytes();
@@ -388,7 +388,7 @@ impl Spread {
         self.sent = 0;
     }
 
-    /// Next part, at most `most` bytes.
+    /// Next part of the encoded output, at most `most` bytes.
     pub fn next(&mut self, most: usize) -> &[u8] {
         let end = self.bytes.len().min(self.sent + most);
         let part = self.bytes.get(self.sent..end).unwrap_or_default();
@@ -396,12 +396,12 @@ impl Spread {
         part
     }
 
-    /// Number of bytes sent.
+    /// Number of bytes of the encoded output that were sent.
     pub fn sent(&self) -> usize {
         self.sent
     }
 
-    /// Number of bytes left to send.
+    /// Number of bytes of the encoded output left to send.
     pub fn left(&self) -> usize {
         self.bytes.len() - self.sent
     }
@@ -427,7 +427,7 @@ pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
 pub struct Packed(heapless::Vec<u8, { 10 * MAX_BUS_FRAMES }>);
 
 impl Packed {
-    /// No frames.
+    /// Packed bytes without a frame.
     pub fn new() -> Self {
         Self::default()
     }
@@ -441,7 +441,7 @@ impl Packed {
             && self.0.extend_from_slice(data).is_ok()
     }
 
-    /// The bytes.
+    /// The packed bytes.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }

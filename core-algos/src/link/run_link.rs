@@ -173,7 +173,7 @@ fn relays(role: Role, to: Role, payload: &[u8]) -> bool {
 
 /// The part of an encoded configuration that begins at `offset`.
 fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> Reply<'a> {
-    // The largest configuration fits.
+    // `room` suffices for the largest configuration.
     let encoded = postcard::to_slice(config, room).map_or(&[][..], |used| used);
     let rest = encoded.get(usize::from(offset)..).unwrap_or_default();
     Reply::Configuration {
@@ -260,7 +260,7 @@ impl RunLink {
                     counters,
                     session: false,
                 },
-                // The destination recognizes repetitions.
+                // A repetition is forwarded too, because the destination recognizes repetitions.
                 Some(Request::Relay { role: to, payload }) if relays(role, to, payload) => {
                     self.relaying = Some(to);
                     demand = SerialFrame::new(payload).map(|frame| Demand::Relay(to, frame));
@@ -337,14 +337,14 @@ impl RunLink {
 
     /// Room for entries in the next report beside the next part of the lead node's output, bytes.
     pub fn room(&self) -> usize {
-        // The length field of a part may take one byte more.
+        // Beside a part of the output, its length field may take one byte more than that of an empty part.
         match self.telemetry.left().min(REPORT_CHUNK) {
             0 => REPORT_ENTRIES,
             part => REPORT_ENTRIES - 1 - part,
         }
     }
 
-    /// Sends these entries and the next part of the lead node's output; sends nothing if both are empty.
+    /// Sends `entries` and the next part of the lead node's output; sends nothing if both are empty.
     pub fn report(&mut self, lost: u16, entries: &[u8], send: &mut impl FnMut(&[u8])) {
         let offset = self.telemetry.sent() as u16;
         // Entries collected before an output arrived may leave no room for a part.

@@ -16,7 +16,7 @@ const HALF_PI_MIDDLE: f32 = 4.837_513e-4;
 const HALF_PI_LOW: f32 = 7.549_79e-8;
 /// Largest |x| for which the three-part reduction is exact.
 const REDUCTION_LIMIT: f32 = 8192.0;
-/// The sign of an `f32`.
+/// Sign bit of an `f32`.
 const SIGN: u32 = 1 << 31;
 
 /// Positive `size` with the sign of `sign`.

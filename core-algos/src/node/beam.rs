@@ -26,7 +26,7 @@ pub struct Samples {
 }
 
 impl From<[i32; MAX_GAUGES]> for Samples {
-    /// Readings of a sound board.
+    /// Samples with these counts and without conditions.
     fn from(counts: [i32; MAX_GAUGES]) -> Self {
         Self {
             counts,

@@ -87,14 +87,14 @@ pub enum Board {
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ready {
-    /// For [`Board::Axle`].
+    /// Parts of a [`Board::Axle`].
     Axle {
         /// Node of the axle.
         axle: AxleNode,
         /// Algorithms of the lead node, if the board has it.
         lead: Option<lead::Algorithms>,
     },
-    /// For [`Board::Beam`].
+    /// Node of a [`Board::Beam`].
     Beam(BeamNode),
 }
 

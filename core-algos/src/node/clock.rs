@@ -17,19 +17,19 @@
 use crate::bus::Message;
 use crate::time::{EPOCH, Micros, TICK};
 
-/// Share of a pair's error that is added to the offset.
+/// Share of the error of a pair (local time, common time) that is added to the offset.
 const OFFSET_GAIN: f32 = 0.02;
-/// Share of a pair's error that is added to the rate, per epoch.
+/// Share of the error of a pair (local time, common time) that is added to the rate, per epoch.
 const RATE_GAIN: f32 = 1e-4;
 /// Limit of the estimated rate between two crystals, 200 ppm, in µs per epoch.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
 /// Largest error at which a tick comes into step, µs.
 const LOCK_US: i16 = 50;
-/// Error beyond which a pair is left out, µs.
+/// Error beyond which a pair (local time, common time) is left out, µs.
 const GATE_US: f32 = 100.0;
-/// Pairs left out in a row after which the offset is set anew.
+/// Number of successive pairs left out after which the offset is set anew.
 const STUBBORN: u8 = 10;
-/// Time without a pair after which the common time counts as lost: 1 s.
+/// Time without a pair of times after which the common time counts as lost: 1 s.
 const LOST: Micros = 100 * EPOCH;
 
 /// Common time on a board other than the front board.
@@ -82,7 +82,7 @@ impl CommonClock {
         }
     }
 
-    /// Corrects the fit by a pair: the common time was ahead by `offset` (µs) at local time `local`.
+    /// Corrects the fit by a pair of times: at local time `local` the common time was ahead by `offset` (µs).
     fn pair(&mut self, local: Micros, offset: i64) {
         let Some(fit) = &mut self.fit else {
             self.begin(local, offset);

@@ -230,13 +230,13 @@ impl LeadNode {
         );
     }
 
-    /// State of the second tier of fusion; `None` before the start.
+    /// State of the fusion of axles and beam; `None` before the start.
     pub fn fusion(&self) -> Option<&robot::State> {
         let [pair] = &self.state.pairs;
         pair.fusion.as_ref()
     }
 
-    /// Sets the task; it begins with the current motion.
+    /// Sets the task, which begins from the current motion.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
         if let Task::Regulate { goal, .. } = task {

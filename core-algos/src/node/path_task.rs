@@ -149,7 +149,7 @@ impl State {
         self.stuck.reset();
     }
 
-    /// True if the robot was too far from its path or trajectory.
+    /// True if the robot was too far from its path or trajectory since the last [`Self::restart`].
     pub fn is_lost(&self) -> bool {
         self.lost
     }
@@ -159,7 +159,7 @@ impl State {
         self.path.room()
     }
 
-    /// Deletes path and trajectory, if there are any.
+    /// As [`Self::clear`], except that a state without points and without an end is left as it is.
     pub fn forget(&mut self) {
         let empty = self.path.is_empty() && self.trajectory.is_empty();
         if !empty || self.resting || self.trajectory.is_complete() {

@@ -118,8 +118,8 @@ pub struct Robot {
     pub lead: lead::LeadNode,
 }
 
-/// Largest plausible wheel speed of a reference, over the largest speed of the midpoint. In the tightest bend the
-/// outer wheel rolls at 1.5 times the speed of the midpoint, and corrections add to it.
+/// Largest plausible wheel speed of a reference, over the largest speed of the midpoint. In the tightest bend the outer
+/// wheel rolls at 1.6 times the speed of the midpoint, and corrections add to it.
 const WHEEL_SPEED: f32 = 2.0;
 
 impl RobotConfig {
@@ -161,7 +161,8 @@ impl RobotConfig {
         self.lead.governor.half_track_m = half_track_m;
         self.lead.governor.max_speed_m_s = max_speed_m_s;
         self.lead.governor.max_steering_rad = max_steering_rad;
-        // Rigid ends make the path straighter: 2 tan ψ/(L sin ψ/ψ + 2a cos ψ) is eq. 5 of this length.
+        // Rigid ends make the path straighter. Eq. 5 with this length gives its curvature, 2 tan ψ/(L sin ψ/ψ + 2a cos
+        // ψ).
         let (s, c) = sin_cos(max_steering_rad);
         self.lead.regulator.limits.frame_length_m =
             frame_length_m + 2.0 * rigid_end_m * max_steering_rad * c / s.max(1e-6);

@@ -171,7 +171,7 @@ impl StoreReport {
         Some(found.find(|(_, source)| source.is_notice())?.0)
     }
 
-    /// Conditions for the node.
+    /// Conditions of the store that the node reports.
     pub fn conditions(&self) -> Conditions {
         let notice = self.defaults() > 0 || self.unverified || self.unusable.is_some();
         Conditions::NONE.with(Condition::ParameterDefault, notice)

@@ -29,11 +29,9 @@ declare! {
         pub across_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
         /// Slip in heading.
         pub heading_rad_per_sqrt_s: f32 = 5e-5, "rad/√s": NonNegative;
-        /// Change of the forward acceleration.
+        /// Random change of the forward acceleration.
         pub jerk_m_s3_per_sqrt_hz: f32 = 3.0, "m/s³/√Hz": NonNegative;
-        /// Change of the yaw acceleration.
-        // Steering accelerates an axle from rest to 36 rad/s² and more at once. With a seventh of this density the
-        // gate would reject the gyro.
+        /// Random change of the yaw acceleration.
         pub yaw_jerk_rad_s3_per_sqrt_hz: f32 = 150.0, "rad/s³/√Hz": NonNegative;
     }
 }

@@ -16,7 +16,7 @@
 //! [`Config::gate_patience`] such rejections in a row the next measurement is accepted, so that a diverged filter can
 //! recover.
 //!
-//! **Between axles.** [`State::take_increment`] ends an interval for the second tier: it returns the odometric
+//! **Between axles.** [`State::take_increment`] ends an interval for the lead node's fusion: it returns the odometric
 //! posture and takes the covariance added in this interval out of the filter.
 //!
 //! [`Config::build`] validates; after it nothing fails or panics.

@@ -5,14 +5,14 @@ use crate::fusion::constants;
 use crate::math::Posture;
 use crate::math::matrix::{Mat, Mat3};
 
-/// Derivatives of the error of an axle's increment.
+/// Derivatives of the error of an axle's odometric increment.
 pub(super) struct IncrementError {
     pub(super) by_constants: Mat<3, { constants::COUNT }>,
     pub(super) by_heading: [f32; 3],
 }
 
 impl IncrementError {
-    /// Error of the increment for given errors of the states, from the few nonzero derivatives.
+    /// Error of the increment due to errors of the states; only nonzero derivatives are summed.
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
         let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
         core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])

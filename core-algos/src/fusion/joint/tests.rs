@@ -552,7 +552,7 @@ fn priors_walks_limits_and_tyres_follow_from_the_configuration() {
         assert!(alike(joint.per_limit[k], per_limit), "{k}");
     }
     assert!(alike(joint.tyres.compliance, compliance) && alike(joint.tyres.sliding, sliding));
-    // 1 − T/constancy in f32.
+    // `kept` is 1 − T/constancy, rounded to `f32`.
     assert!((f64::from(1.0 - joint.kept) - period / constancy).abs() < 1e-7);
     for (constancy_s, allowed) in [(5.0f32, true), (5.0f32.next_down(), false), (1e7, true)] {
         let config = Config {

@@ -47,7 +47,7 @@ declare! {
 }
 
 declare! {
-    /// Parameters of the second tier.
+    /// Parameters of the fusion of both axles and the beam.
     pub struct Config {
         /// Fusion method.
         pub mode: Mode = Mode::Joint;

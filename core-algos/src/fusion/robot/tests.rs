@@ -249,7 +249,7 @@ fn slipping(mode: Mode) -> Config {
     }
 }
 
-/// Standard deviations of the constants in the modes that do not estimate them.
+/// Standard deviations of the constant errors in the modes that do not estimate them.
 fn unlearnt_sigmas(config: &Config) -> [f64; constants::COUNT] {
     let joint = config.joint.build(config.period_s).unwrap();
     let mut sigmas = joint.prior_sigmas().map(f64::from);

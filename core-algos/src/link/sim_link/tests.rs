@@ -100,7 +100,7 @@ fn board_resumes_at_the_given_tick() {
         assert_eq!(torque_nm, expected.torque_nm);
         assert_eq!(protocol::unpack(bus).count(), outbox.iter().count());
     }
-    // Time does not go back.
+    // A tick before the expected one is refused.
     let expected = 900;
     host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
 }

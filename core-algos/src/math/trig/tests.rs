@@ -13,7 +13,7 @@ fn sin_cos_is_within_1e_7_of_f64() {
     assert!(worst < 1e-7, "{worst:e}");
 }
 
-/// Points of a dense grid over [−limit, limit] and, between them, as many at random.
+/// Points of a dense grid over [−limit, limit], and as many random points between them.
 fn points(limit: f32) -> impl Iterator<Item = f32> {
     let mut random = crate::fusion::testing::Random::new(17);
     (-200_000..=200_000i32).flat_map(move |i| {

@@ -412,7 +412,8 @@ fn load_of_a_middle_axle_is_that_of_both_frames() {
     assert!(!lost(&node));
 }
 
-/// Constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent frame.
+/// Reference: mechanics with constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent
+/// frame.
 #[test]
 fn reference_twist_and_load_follow_from_mechanics() {
     let near = |found: f32, expected: f32| assert!((found - expected).abs() < 2e-6, "{found}");

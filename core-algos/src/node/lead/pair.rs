@@ -127,7 +127,7 @@ pub(super) struct Fused {
 }
 
 impl Fused {
-    /// The robot: midpoint O and its heading.
+    /// Estimate of the robot's posture: midpoint O and its heading.
     pub(super) fn robot(&self) -> &Estimate {
         let [pair] = &self.pairs;
         &pair.robot

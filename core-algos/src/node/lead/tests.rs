@@ -175,7 +175,7 @@ fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
     node.state.pairs[0].used = None;
     let measurement = node.state.pairs[0].measurement(2 * EPOCH, tracks).unwrap();
     let turned = measurement.value.covariance;
-    // (b - a) / 2 and (a + b) / 2 of the variances a and b.
+    // Variances a and b along the old axes, turned by 45°: covariance (b − a)/2, variances (a + b)/2.
     for (value, expected) in [
         (turned[0][1], 1e-9),
         (turned[0][0], 2e-9),
@@ -350,7 +350,7 @@ fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
     assert!((0.0..NIS_LIMIT).contains(&node.state.pairs[0].nis));
 }
 
-/// Limits: coordinates of 100 km, standard deviations of 1 km, a floor drift of 1.
+/// The limits are coordinates of 100 km, standard deviations of 1 km (or rad), and a floor drift of 1.
 #[test]
 fn start_place_is_sound_within_its_ranges() {
     let sound = RobotConfig::default().placement(Posture::ORIGIN, &Default::default());
@@ -596,7 +596,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
     }
 }
 
-/// Limits: 25 N, 6 N m, 5 m and 0.5 rad.
+/// The default limits are 25 N, 6 N m, 5 m and 0.5 rad.
 #[test]
 fn wrench_and_uncertainty_beyond_their_limits_are_detected() {
     let limits = Limits::default();

@@ -161,7 +161,7 @@ impl LeadNode {
     fn watch_pair(&self, now: Micros, pair: &Pair, fused: Option<&robot::Output>) -> Conditions {
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let beam = pair.posture.filter(|posture| fresh(posture.time));
-        // The beam's measurement first; without one, the estimates of the axles.
+        // The bend is that of the beam's measurement, or of the axles' estimates if there is no measurement.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
             .or(fused.map(robot::Output::relative_heading));

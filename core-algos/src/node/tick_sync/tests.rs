@@ -156,7 +156,7 @@ fn sent_delay_is_that_of_the_epoch_before() {
     assert_eq!(ticks.sync(11_000, None), None);
     assert_eq!(ticks.sync(20_000, Some(10_130)), sync(2, Some(130)));
     assert_eq!(ticks.sync(30_000, None), sync(3, None));
-    // A skipped epoch, and a stamp from before the epoch.
+    // No delay is sent after a skipped epoch, and none for a time stamp before the epoch.
     assert_eq!(ticks.sync(50_000, Some(30_100)), sync(5, None));
     assert_eq!(ticks.sync(60_000, Some(49_000)), sync(6, None));
     assert_eq!(TickSync::following().sync(10_000, None), None);

@@ -72,7 +72,7 @@ impl SupervisorBench {
     }
 }
 
-/// Cut without a hold time.
+/// Condition of class cut without a hold time.
 const CUT: Condition = Condition::DriverFault;
 
 const NOTHING: Input = Input {

@@ -326,7 +326,7 @@ fn stop_that_is_not_followed_is_reported_during_the_stop() {
             let found = watched.conditions().contains(unstopped);
             assert_eq!(found, runs && by_speed, "{hold} {left} {right}");
         }
-        // Another state, or a stop that has not begun.
+        // The condition does not occur in another state, or before the stop has begun.
         let mut other = stopping(hold, &|w| {
             w.error(0.2, 0.0, 0.0);
             w.wheels(9.0, 9.0);
@@ -358,7 +358,7 @@ fn slip_is_the_difference_of_the_yaw_rates_by_gyro_and_wheels() {
     }
 }
 
-/// Every state, mode, age of the mode, pause and reference.
+/// Compares all combinations of state, mode, age of the mode, pause and reference.
 #[test]
 fn requests_match_the_table() {
     use LeadMode::{Active, Clear, Hold, Idle};

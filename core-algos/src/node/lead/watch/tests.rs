@@ -346,7 +346,7 @@ fn beam_is_lost_only_for_a_fusion_that_uses_it() {
     }
 }
 
-/// The beam counts if its posture is fresh, else the estimate; a straight frame shows no wrench.
+/// The bend is the beam's if its posture is fresh, else the estimate's. The wrench counts only on a bent frame.
 #[test]
 fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
     for (by_beam, by_axles, bent) in [
