@@ -410,7 +410,8 @@ static LASTING: World = World::new(true, false);
 /// Noise and lasting errors, with gyros and their errors.
 static INERTIAL: World = World::new(true, true);
 
-/// 95 % band of the mean over the runs of a chi-square variable of three degrees of freedom.
+/// Interval that contains the mean of a chi-square variable of three degrees of freedom over the runs with 95 %
+/// probability.
 fn band() -> (f64, f64) {
     let spread = 1.96 * (2.0 * 3.0 / RUNS as f64).sqrt();
     (3.0 - spread, 3.0 + spread)

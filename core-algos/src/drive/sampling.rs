@@ -35,7 +35,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Builds the sampling; `None` if there is a pair of duties without a clean place.
+    /// Builds the sampling; `None` if a pair of duties leaves no place for the window that is free of edges.
     pub const fn build(self) -> Option<Sampling> {
         let half = self.window / 2;
         let lowest_top = self.top.checked_sub(self.trim);
@@ -52,8 +52,9 @@ impl Timing {
             return None;
         };
         let (on_from, between_from) = (on + window, between as u32 + window);
-        // The worst pairs of duties: the longer pulse is just too long for the place around the top. The shorter pulse
-        // is just too short for the place after zero, or gives the places after zero and half-way equal clearance.
+        // The worst pairs of duties. In both the longer pulse is just too long for the window around the top. The
+        // shorter pulse is just too short for the window after zero, or leaves equal clearance after zero and half-way
+        // up.
         let at_the_top = between_from <= off_up_to + 1;
         let after_zero = on_from + settling <= between as u32;
         let equal = on + between as u32 >= 2 * settling;
@@ -87,7 +88,7 @@ pub const AXLE: Timing = Timing {
     earliest: 84,
 };
 
-/// The three places of the window, and the compare values of the motors for which they are clean.
+/// The three places of the conversion window in a period, and the compare values of the motors without an edge there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
     off: u16,
@@ -106,7 +107,7 @@ impl Sampling {
         let (shorter, longer) = if a < b { (a, b) } else { (b, a) };
         // A motor without pulses has no edges.
         let shorter = if shorter == 0 { longer } else { shorter };
-        // Counts since the latest edge at each place.
+        // Counts since the latest edge, for the window at the top and for the window after zero.
         let at_off = if longer <= self.off_up_to {
             self.off.saturating_sub(longer)
         } else {
@@ -262,8 +263,8 @@ mod tests {
         assert!(worst > 0.005, "{worst}");
     }
 
-    /// Counts from the latest edge to a window at `place`; `None` if the window has an edge. A compare value of 0 or
-    /// above the top gives no edges.
+    /// Counts from the latest edge to a window that begins at `place`; `None` if the window has an edge. A compare
+    /// value of 0 or above the top gives no edges.
     fn clear(timing: &Timing, top: u16, place: u16, compares: [u16; 2]) -> Option<i32> {
         let [top, place] = [top, place].map(i32::from);
         let end = place + i32::from(timing.window + timing.margin);
@@ -289,8 +290,8 @@ mod tests {
         Some(clearance)
     }
 
-    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better of the
-    /// places at the top and after zero, or half-way if neither is clean for the settling time.
+    /// Small random timings at all pairs of duties. The chosen window has no edge at any trim. It is the better of the
+    /// windows at the top and after zero, or the window half-way up if neither has the settling time.
     #[test]
     fn chosen_place_is_the_best_by_the_edges_of_the_outputs() {
         let mut random = crate::fusion::testing::Random::new(3);
@@ -322,7 +323,7 @@ mod tests {
                 let place = sampling.compare([a, b]);
                 let [at_off, at_on, at_between] =
                     [off, on, between].map(|at| lowest_first(at, [a, b]));
-                // A pulse that ends before the place after zero counts as too short for this place.
+                // A pulse that ends before the window after zero counts as too short for this window.
                 let early = [a, b].iter().any(|motor| (1..on).contains(motor));
                 let at_on = if early { 0 } else { at_on };
                 let settling = i32::from(timing.settling);

@@ -215,7 +215,7 @@ struct Contrast {
     inverse: f64,
     /// N = L⁻¹ B L⁻ᵀ.
     n: Mat3,
-    /// Principal minors of M, each without the row and column of its index.
+    /// Principal minors of M; minor k leaves out row and column k.
     minors: Vec3,
     /// e₂ and e₃ of M; e₁ is 3.
     e2: f64,

@@ -221,9 +221,9 @@ pub enum Reply<'a> {
     Report {
         /// Sequence number of the report.
         sequence: u16,
-        /// Number of entries lost for lack of room since the watch began.
+        /// Number of recorded events lost for lack of room since the watch began.
         lost: u16,
-        /// Whole entries, see [`super::record`].
+        /// Recorded events, none of them cut, see [`super::record`].
         entries: &'a [u8],
         /// Offset of `telemetry` in the output, bytes.
         offset: u16,

@@ -35,7 +35,8 @@ use crate::node::robot::RobotConfig;
 use crate::time::Micros;
 use crate::topology::{Node, Role};
 
-/// Largest size of the entries in a report, bytes. A part of the lead node's output in the report reduces this size.
+/// Limit of the size of the recorded events in a report, bytes. A part of the lead node's output in the report reduces
+/// this limit.
 pub const REPORT_ENTRIES: usize = 232;
 /// Time between reports to a host that watches, ms.
 pub const REPORT_MS: u64 = 2;
@@ -54,7 +55,8 @@ pub enum Demand {
     Relay(Role, SerialFrame),
     /// Send a frame on the bus.
     Send(CanFrame),
-    /// Pass entries and outputs of the lead node to the run link and call [`RunLink::report`] every [`REPORT_MS`].
+    /// Pass recorded events and outputs of the lead node to the run link and call [`RunLink::report`] every
+    /// [`REPORT_MS`].
     Watch,
     /// Restart the nodes.
     Record,
@@ -335,7 +337,7 @@ impl RunLink {
         self.telemetry.fill(telemetry);
     }
 
-    /// Room for entries in the next report beside the next part of the lead node's output, bytes.
+    /// Room for recorded events in the next report beside the next part of the lead node's output, bytes.
     pub fn room(&self) -> usize {
         // Beside a part of the output, its length field may take one byte more than that of an empty part.
         match self.telemetry.left().min(REPORT_CHUNK) {
@@ -347,7 +349,7 @@ impl RunLink {
     /// Sends `entries` and the next part of the lead node's output; sends nothing if both are empty.
     pub fn report(&mut self, lost: u16, entries: &[u8], send: &mut impl FnMut(&[u8])) {
         let offset = self.telemetry.sent() as u16;
-        // Entries collected before an output arrived may leave no room for a part.
+        // Events collected before an output arrived may leave no room for a part of the output.
         let telemetry = match entries.len() <= self.room() {
             true => self.telemetry.next(REPORT_CHUNK),
             false => &[],

@@ -266,7 +266,7 @@ impl Session {
         bus: &'a mut Packed,
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
-            // `handle` answers a hello. The others are for a driving board: here each tick brings telemetry, and the rig
+            // `handle` answers a hello. The others are for a driving board: here a tick brings telemetry, and the rig
             // simulates the bus.
             Request::Hello { .. }
             | Request::Watch

@@ -114,7 +114,7 @@ impl CommonClock {
         });
     }
 
-    /// Common time at local time `local`; `None` before the first pair and after a second without a pair.
+    /// Common time at local time `local`; `None` before the first pair of times and after a second without a pair.
     pub fn common(&self, local: Micros) -> Option<Micros> {
         let fit = self.fit.as_ref()?;
         if local.saturating_sub(fit.local) > LOST {
@@ -319,8 +319,8 @@ mod tests {
         }
     }
 
-    /// A pair that is off by more than 100 µs is left out; the tenth in a row restarts the fit, and a good pair
-    /// resets the count.
+    /// A pair of times that is off by more than 100 µs is left out. The tenth in a row restarts the fit, and a good
+    /// pair resets the count.
     #[test]
     fn pair_beyond_the_gate_is_left_out_until_ten_in_a_row() {
         let begun = || {

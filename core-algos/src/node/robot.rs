@@ -19,7 +19,7 @@ declare! {
     pub struct Geometry {
         /// Flexible length of the frame (the paper's L).
         pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
-        /// Rigid length between each end of the flexible part and the axle there.
+        /// Rigid length between each end of the flexible part and the nearer axle.
         pub rigid_end_m: f32 = 0.0, "m": Range(0.0, 1.0);
         /// Distance of the strain gauges from the neutral axis: half the strip's thickness.
         pub half_thickness_m: f32 = 0.5e-3, "m": Range(5e-5, 0.02);

@@ -188,7 +188,8 @@ macro_rules! parameters {
             },)+
         ];
 
-        /// Declarations of the parameters, in the same order. Separate from the table, so that images do not hold them.
+        /// Declarations of the parameters, in the order of the table. Separate from the table, so that firmware does
+        /// not contain them.
         static FIELDS: [Field; COUNT] = [
             $(field_at(Settings::FIELDS, path!($($path).+)),)+
         ];

@@ -247,7 +247,7 @@ impl Conditions {
         }
     }
 
-    /// The same set with `condition` if `holds`.
+    /// This set, with `condition` added if `holds`.
     #[must_use]
     pub const fn with(mut self, condition: Condition, holds: bool) -> Self {
         self.set(condition, holds);

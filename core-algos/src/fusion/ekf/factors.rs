@@ -110,7 +110,7 @@ impl Covariance {
         coupled: false,
     };
 
-    /// Correlation below which the two pairs of motion states count as independent.
+    /// Correlation below which (v, v̇) and (φ̇, φ̈) count as independent.
     const NEGLIGIBLE: f32 = 1e-6;
 
     /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose variance is explained
@@ -160,8 +160,8 @@ impl Covariance {
         p
     }
 
-    /// Sets `coupled` if a correlation above `limit` couples the two pairs; otherwise sets the coupling entries to
-    /// zero.
+    /// Sets `coupled` if a correlation above `limit` couples (v, v̇) and (φ̇, φ̈); otherwise sets the coupling entries
+    /// of U to zero.
     fn find_coupling(&mut self, limit: f32) {
         const TIES: [[usize; 2]; 4] = [
             [SPEED, YAW_RATE],

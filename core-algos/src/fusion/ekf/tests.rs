@@ -522,7 +522,8 @@ fn outlier_is_gated_and_a_persistent_deviation_is_accepted() {
         let mut refused = state;
         refused.counters = plain.counters;
         assert_eq!(refused, plain);
-        // One accepted sample clears the count of rejections in a row; then patience runs out.
+        // One accepted sample resets the number of rejections in a row; then the filter rejects as many as its patience
+        // allows.
         filter.step(&mut state, &rest);
         let verdicts: Vec<_> = (0..=patience)
             .map(|_| verdict(filter.step(&mut state, &spike)))
@@ -727,9 +728,9 @@ fn configuration_is_checked() {
     }
 }
 
-/// Steering accelerates an axle from rest at 36 rad/s², the largest value seen in hours of driving. At most two
-/// samples of wheels and gyro are gated, with gyro noise as configured. The same holds at 54 rad/s² with a fifth of
-/// that noise. The heading does not lag.
+/// Steering accelerates an axle from rest at 36 rad/s², the largest value seen in hours of driving. At most two samples
+/// of wheels and gyro are gated, and the heading does not lag: with the configured gyro noise, and at 54 rad/s² with a
+/// fifth of this noise.
 #[test]
 fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
     let run = |yaw_jerk_rad_s3_per_sqrt_hz: f32, acceleration: f64, noise: f64, seed: u64| {

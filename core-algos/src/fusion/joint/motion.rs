@@ -19,7 +19,7 @@ impl IncrementError {
     }
 }
 
-/// Linear part of a tick's motion (F), without the rows of states that stay.
+/// Linear part of a tick's motion (F); states that do not change have no row here.
 pub(super) struct Motion {
     pub(super) front_error: IncrementError,
     pub(super) rear_error: IncrementError,

@@ -39,7 +39,7 @@ fn rest() -> Increment {
     Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
 }
 
-/// The same increment for both axles.
+/// Inputs with the increment `moved` of both axles.
 fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
     Inputs {
         front: Some(moved),
@@ -341,7 +341,7 @@ enum Disturbance {
     Noise(usize, usize, Pose),
 }
 
-/// Compares odometry with the same drive in `f64`, disturbed by one error at a time: start, noise, constants, load,
+/// Compares odometry with a drive in `f64` that is disturbed by one error at a time: start, noise, constants, load,
 /// floor.
 #[test]
 fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {

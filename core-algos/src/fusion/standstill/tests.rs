@@ -119,7 +119,7 @@ fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measure
             assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits));
         }
     }
-    // The variance stops growing at that of an unknown bias, (0.5/√3)².
+    // The variance grows up to that of an unknown bias, (0.5/√3)².
     let fast = Config {
         walk_per_sqrt_s: 1.0,
         largest_sigma: 0.29,

@@ -436,7 +436,7 @@ fn estimate_waits_for_an_axle_that_is_late_by_an_epoch() {
         }
         let epochs = node.state.tracks.map(|track| track.odometry.unwrap().time);
         assert_eq!(epochs, [4 * EPOCH; 2], "{late:?}");
-        // The same epoch again is no motion.
+        // An advance to the same epoch is no motion.
         let again = node.state.tracks[0].advance(4 * EPOCH);
         assert_eq!(again, track::Advance::Unknown);
         let mut report = node.state.tracks[0].report;

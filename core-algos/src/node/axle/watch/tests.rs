@@ -84,7 +84,7 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     watched
 }
 
-/// Rows of the requirements table while the axle drives. Limits: 60, 30 and 50 ms; 0.08 m and 0.35 rad; 0.6 of the
+/// Causes of the requirements table while the axle drives. Limits: 60, 30 and 50 ms; 0.08 m and 0.35 rad; 0.6 of the
 /// torque at 0.2 rad/s; 0.8 rad/s, less the yaw rate of the pushed wheels.
 const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
