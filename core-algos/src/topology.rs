@@ -114,7 +114,7 @@ impl<T> IndexMut<Side> for Wheels<T> {
 }
 
 impl<T> From<[T; 2]> for Wheels<T> {
-    /// From the values of the left and the right wheel.
+    /// Quantity of each wheel from the values of the left and the right wheel.
     fn from([left, right]: [T; 2]) -> Self {
         Self { left, right }
     }

@@ -21,9 +21,9 @@ const LENGTH: f64 = 0.36;
 const STIFFNESS: f64 = 0.833;
 /// Half the thickness, m.
 const HALF_THICKNESS: f64 = 0.5e-3;
-/// Largest end force, N.
+/// Limit of the end force of a random shape, N.
 const FORCE: f64 = 25.0;
-/// Largest end angle, rad.
+/// Limit of the end angle of a random shape, rad.
 const ANGLE: f64 = 1.2;
 /// Number of shapes per seed.
 const SHAPES: usize = 500;

@@ -222,7 +222,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             }
             prop_assert!(output.active || output.torque_nm == Wheels::both(0.0));
             for message in outbox.iter() {
-                // A value out of range is not sent; NaN or infinity must not get this far.
+                // Encoding may refuse a value out of range, but never NaN or infinity, which must not get this far.
                 if let Err(error) = bus::encode(message) {
                     prop_assert!(error.value.is_finite(), "{role:?} {message:?}");
                 }

@@ -59,12 +59,12 @@ pub struct State {
     voltage: f32,
     current: f32,
     speed: f32,
-    /// True if the voltage of the last window was not explained.
+    /// True if current and speed did not explain the voltage of the last window.
     unexplained: bool,
 }
 
 impl State {
-    /// True if the voltage of the last whole window was not explained.
+    /// True if current and speed did not explain the voltage of the last whole window.
     pub fn unexplained(&self) -> bool {
         self.unexplained
     }
@@ -103,7 +103,8 @@ impl Response {
         state.speed += speed_rad_s;
     }
 
-    /// True if the residual of a whole window that ends with the current `last` (A) is within the tolerance.
+    /// True if current and speed explain the voltage of a whole window that ends with the current `last` (A): the
+    /// residual is within the tolerance.
     fn explains(&self, state: &State, last: f32) -> bool {
         let share = 1.0 / f32::from(self.periods);
         let current = state.current * share;

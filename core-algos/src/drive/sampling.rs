@@ -43,7 +43,7 @@ impl Timing {
         else {
             return None;
         };
-        // In 32 bits, so that nothing overflows.
+        // The sums are computed in 32 bits, so that they do not overflow.
         let (lowest, window) = (lowest_top as u32, self.window as u32 + self.margin as u32);
         let (on, settling) = (self.earliest as u32, self.settling as u32);
         let off = self.top - half;

@@ -92,7 +92,7 @@ pub enum Zeroed {
 }
 
 impl Zeroing {
-    /// Adds a count.
+    /// Adds a count; returns the zero once there are enough samples.
     pub fn step(&mut self, shunt: &Shunt, count: u16) -> Zeroed {
         self.samples += 1;
         self.sum += u32::from(count);
@@ -102,7 +102,7 @@ impl Zeroing {
         }
         let n = u64::from(self.samples);
         let sum = u64::from(self.sum);
-        // In integers, so that nothing cancels: n Σc² − (Σc)², at most 2^46.
+        // n Σc² − (Σc)² is computed in integers, at most 2^46, so that no digits cancel.
         let spread = (n * self.squares).saturating_sub(sum * sum);
         let mean = self.sum as f32 / self.samples as f32;
         let variance = spread as f32 / (self.samples as f32 * self.samples as f32);

@@ -190,7 +190,7 @@ mod tests {
                 &propagate(&chain.by_base, &a.covariance),
                 &propagate(&chain.by_relative, &r.covariance),
             );
-            // O by its definition, from both axles.
+            // Posture of O by its definition, from the postures of both axles.
             let middle = |f: [f64; 3], b: [f64; 3]| {
                 let (x, y) = (f[0] - b[0], f[1] - b[1]);
                 [0.5 * (f[0] + b[0]), 0.5 * (f[1] + b[1]), y.atan2(x)]

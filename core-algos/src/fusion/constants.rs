@@ -45,7 +45,7 @@ pub const DRIFT: usize = 4;
 pub const SCALE: usize = 6;
 /// Index of the scale error of the heading from the front wheels; that from the rear wheels is next.
 pub const TURN: usize = 8;
-/// Index of the lateral per forward motion of the front axle; the rear axle's is next.
+/// Index of the front axle's lateral motion per forward motion; the rear axle's is next.
 pub const SIDE: usize = 10;
 /// Index of the mean of the axles' slip per metre under the frame's moment; half the difference, front less rear, is
 /// next.
@@ -85,7 +85,7 @@ pub(super) fn error_by<const AXLE: usize>(
         let terms = constants.iter().map(|&k| by[k % COUNT] * of(k));
         terms.fold(0.0, |sum, term| sum + term)
     };
-    // Compliance of an axle: mean plus or minus half the difference.
+    // The compliance of an axle is the mean plus (front) or minus (rear) half the difference.
     let compliance = match AXLE {
         0 => of(COMPLIANCE) + of(COMPLIANCE + 1),
         _ => of(COMPLIANCE) - of(COMPLIANCE + 1),

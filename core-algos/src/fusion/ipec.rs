@@ -109,7 +109,7 @@ pub struct State {
 }
 
 impl State {
-    /// From the postures of axle 1 (front) and axle 2 (rear).
+    /// State from the postures of axle 1 (front) and axle 2 (rear).
     pub fn new(axle1: Posture, axle2: Posture) -> Self {
         let wide = |p: Posture| <[f32; 3]>::from(p).map(f64::from);
         Self {
@@ -146,7 +146,7 @@ pub struct Correction {
 }
 
 impl Ipec {
-    /// One interval: odometry by the `advance` of the wheels, then correction by `r` (axle 2 in axle 1's frame).
+    /// Runs one interval: odometry by the `advance` of the wheels, then correction by `r` (axle 2 in axle 1's frame).
     /// `None` if `r` or the odometric positions give no direction; the state then holds plain odometry.
     pub fn step(
         &self,

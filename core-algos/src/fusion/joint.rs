@@ -163,12 +163,12 @@ impl State {
         )
     }
 
-    /// The front axle in the rear axle's frame.
+    /// Posture of the front axle in the rear axle's frame.
     pub fn relative_posture(&self) -> Posture {
         self.relative
     }
 
-    /// The front axle in the rear axle's frame, with its covariance.
+    /// Posture of the front axle in the rear axle's frame, with its covariance.
     pub fn relative(&self) -> Estimate {
         let u = &self.covariance.upper;
         let mut block = [[0.0; 3]; 3];
@@ -211,7 +211,7 @@ impl State {
         [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Both axles and the robot's midpoint O with their covariances along the global axes.
+    /// Postures of both axles and of the robot's midpoint O, with their covariances along the global axes.
     pub fn estimates(&self) -> Estimates {
         let u = &self.covariance.upper;
         let rear = self.covariance.posture();
@@ -259,11 +259,11 @@ impl State {
 /// Estimates of the joint filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
-    /// The front axle.
+    /// Posture of the front axle.
     pub front: Estimate,
-    /// The rear axle.
+    /// Posture of the rear axle.
     pub rear: Estimate,
-    /// The robot's midpoint O.
+    /// Posture of the robot's midpoint O.
     pub robot: Estimate,
 }
 
@@ -375,7 +375,7 @@ impl Joint {
 
         let (sin, cos) = sin_cos(d2.phi);
         let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
-        // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
+        // Error of the rear axle's posture: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
         let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&turn_back, &carried);
         for by in &mut state.by_considered {
@@ -390,7 +390,7 @@ impl Joint {
             by[0] += distance * direction[0];
             by[1] += distance * direction[1];
         }
-        // Relative: ⊖ d2 ⊕ (r ⊕ d1).
+        // Posture of the front axle in the rear axle's frame after the motion: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
         let (relative_sin, relative_cos) = sin_cos(r.phi);
         let onto = [

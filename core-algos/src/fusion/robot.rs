@@ -285,7 +285,7 @@ impl RobotFusion {
         true
     }
 
-    /// One tick.
+    /// Runs one tick: odometry of both axles, then update by the beam.
     pub fn step(&self, state: &mut State, inputs: &Inputs) -> Output {
         self.prepare(state);
         let front = inputs.front.filter(Increment::is_finite);
@@ -587,7 +587,7 @@ fn spread(covariance: &Mat3) -> Mat3 {
         .unwrap_or_else(|| matrix::diagonal([0, 1, 2].map(|k| sqrt(covariance[k][k].max(0.0)))))
 }
 
-/// The increment, its covariance turned into the frame in which the increment starts.
+/// The increment with its covariance turned into the frame in which the increment starts.
 fn into_departure(increment: &Estimate) -> Estimate {
     let (sin, cos) = crate::math::trig::sin_cos(increment.posture.phi);
     let turn = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];

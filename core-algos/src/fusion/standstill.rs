@@ -48,7 +48,7 @@ declare! {
 }
 
 impl Config {
-    /// For a yaw-rate gyro of the ICM-42688 class, with or without averaging at power-up.
+    /// Parameters for a yaw-rate gyro of the ICM-42688 class, with or without averaging at power-up.
     pub const GYRO: Self = Self {
         limit: 0.05,
         noise_per_sqrt_hz: 4.9e-5,
@@ -56,7 +56,7 @@ impl Config {
         // Up to this bias the gyro is better than wheels on creeping tyres.
         largest_sigma: 0.01,
     };
-    /// For an accelerometer of the ICM-42688 class; the limit is the gravity along a floor inclined by 3°.
+    /// Parameters for an accelerometer of the ICM-42688 class. The limit is the gravity along a floor inclined by 3°.
     pub const ACCELEROMETER: Self = Self {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
@@ -92,7 +92,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeroing {
     limit: f32,
-    /// Variance of a sample.
+    /// Variance of the noise of a sample.
     noise: f32,
     /// Variance of the bias's change from sample to sample.
     walk: f32,
@@ -129,8 +129,8 @@ impl Zeroing {
         SPREAD * sqrt(self.noise)
     }
 
-    /// One sample. Returns the reading less the bias, or `None` while a measured bias counts as unknown. A reading
-    /// that is not finite is passed on.
+    /// Takes one sample. Returns the reading less the bias, or `None` while a measured bias counts as unknown. A
+    /// reading that is not finite is passed on.
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
@@ -196,7 +196,7 @@ pub struct Rest {
 }
 
 impl RestDetector {
-    /// One tick, with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
+    /// Runs one tick with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
     pub fn step(
         &mut self,
         counts: Wheels<Option<i32>>,

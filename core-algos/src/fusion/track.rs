@@ -101,7 +101,7 @@ impl Track {
             return Some((*other, omega));
         }
         let p = fused.estimate.covariance;
-        // Gain of b: (1 − ω) P B⁻¹.
+        // The gain of b is (1 − ω) P B⁻¹.
         let factor = matrix::cholesky(&b.covariance)?;
         let mut gain = p.map(|row| matrix::cholesky_solve(&factor, &row));
         gain = matrix::scale(&gain, 1.0 - omega);

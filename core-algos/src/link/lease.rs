@@ -19,7 +19,7 @@ pub const TERM: Micros = 1_000_000;
 /// Sender and sequence number of an order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
-    /// Number that a host draws at its start.
+    /// Random number that a host draws when it starts; identifies the host.
     pub owner: u16,
     /// Sequence number; increases by at least one per order and wraps after 65535.
     pub sequence: u16,

@@ -34,7 +34,7 @@ pub const MAX_BUS_FRAMES: usize = 21;
 /// Largest number of bus frames in a reply: the capacity of the outbox.
 pub const MAX_SENT_FRAMES: usize = outbox::CAPACITY;
 
-/// From host to board.
+/// Request from the host to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
     /// Begins a session. The board stops its nodes and discards the received configuration. The parameters that it
@@ -145,7 +145,7 @@ pub enum Request<'a> {
     Record(Stamp),
 }
 
-/// From board to host.
+/// Reply of the board to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Reply<'a> {
     /// Identity of the board.
@@ -235,7 +235,7 @@ pub enum Reply<'a> {
         /// Number and reply.
         payload: &'a [u8],
     },
-    /// Faults since power-on.
+    /// Numbers of faults since power-on, and the latest message.
     Crash {
         /// Numbers of panics, processor faults, watchdog resets and stack overflows.
         counts: [u32; 4],
@@ -263,9 +263,9 @@ pub struct CrashRecord {
 /// Stack use of a board since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StackUse {
-    /// Peak use.
+    /// Largest use so far.
     pub used_bytes: u32,
-    /// Largest allowed use.
+    /// Limit of the use.
     pub budget_bytes: u32,
     /// Size of the stack; 0 if the stack is not measured.
     pub size_bytes: u32,
@@ -348,9 +348,9 @@ pub struct Telemetry {
     pub output: lead::Output,
     /// Time of the step, ms.
     pub tick: u32,
-    /// Points the path has room for.
+    /// Number of points that can still be appended to the path.
     pub path_room: u16,
-    /// Points the trajectory has room for.
+    /// Number of points that can still be appended to the trajectory.
     pub trajectory_room: u16,
 }
 

@@ -231,8 +231,8 @@ impl RunLink {
         }
     }
 
-    /// Takes received bytes, passes each complete answer to `send` and returns the first demanded action.
-    /// Requests behind a demand, or during an order, get no answer, and the host repeats them.
+    /// Takes received bytes, passes each complete answer to `send` and returns the first demanded action. Requests that
+    /// follow a demand, or arrive during an order, get no answer, and the host repeats them.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -282,7 +282,7 @@ impl RunLink {
                 }
                 request => {
                     let admitted = match request {
-                        // The order was meant for the board before its restart.
+                        // An order before the first hello was meant for the board before its restart.
                         Some(Request::Order { .. })
                             if !self.hello_received && role == Role::LEAD =>
                         {
@@ -316,7 +316,7 @@ impl RunLink {
         demand
     }
 
-    /// Sends the reply of another board to the host, if it is awaited.
+    /// Sends the reply of another board to the host, if this reply is awaited.
     pub fn relayed(&mut self, from: Role, payload: &[u8], send: &mut impl FnMut(&[u8])) {
         if self.relaying == Some(from)
             && let Some(&number) = payload.first()
@@ -365,7 +365,7 @@ impl RunLink {
             telemetry,
         };
         self.reports = self.reports.wrapping_add(1);
-        // A report is bounded to fit a frame.
+        // The size of a report is bounded, so it always fits a frame.
         if let Some(frame) = protocol::encode(0, &report) {
             send(frame.bytes());
         }

@@ -160,7 +160,7 @@ fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
 /// A save under way.
 #[derive(Clone, Copy, Debug)]
 struct Saving {
-    /// Number of the request.
+    /// Number of the request to save.
     number: u8,
     /// Proof that the motors were off at the request; `None` once the write is taken.
     off: Option<Disarmed>,

@@ -217,7 +217,7 @@ pub fn wrap_angle_f64(angle: f64) -> f64 {
 /// `x` limited to `[low, high]`. Unlike `f32::clamp` it cannot panic; NaN gives `low`.
 #[inline]
 pub fn clamp(x: f32, low: f32, high: f32) -> f32 {
-    // By comparisons: a Cortex-M4F has no instruction for `max` and `min`.
+    // Comparisons are used, because a Cortex-M4F has no instruction for `max` and `min`.
     if !(x >= low) {
         low
     } else if x > high {

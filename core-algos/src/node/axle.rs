@@ -270,7 +270,7 @@ impl AxleNode {
         }
     }
 
-    /// One tick at `now`. Reports go to `outbox` at the beginning of an epoch.
+    /// Runs one tick at `now`. Reports go to `outbox` at the beginning of an epoch.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
         self.state.started.get_or_insert(now);
         let speeds = self.estimate(samples);
@@ -392,7 +392,7 @@ impl AxleNode {
             let wheel = self.observer.step(&state.wheels[i], count);
             let radius = self.wheel_radii[i];
             speeds[i] = radius * wheel.speed_rad_s;
-            // A missing or impossible count is no measurement: the filter then only predicts.
+            // A missing or impossible count is no measurement, so the filter only predicts.
             if count.is_some() && !wheel.jumped {
                 advance[i] = Some(radius * wheel.increment_rad / self.period);
             }

@@ -177,8 +177,8 @@ impl Board {
         }
     }
 
-    /// One tick at `now`; messages of the nodes are appended to `outbox`. Samples of another kind of board count as
-    /// missing.
+    /// Runs one tick at `now`; messages of the nodes are appended to `outbox`. Samples of another kind of board count
+    /// as missing.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
         match self {
             Self::Axle { axle, lead: None } => step_axle(axle, now, samples, outbox),

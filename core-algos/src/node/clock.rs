@@ -187,10 +187,10 @@ mod tests {
             (self.offset + (1.0 + self.rate) * common) as Micros
         }
 
-        /// One epoch with its message; returns the largest error of the follower's time in this epoch, µs.
+        /// Runs one epoch with its message; returns the largest error of the follower's time in this epoch, µs.
         fn epoch(&mut self, clock: &mut CommonClock, epoch: u32, lost: bool) -> f64 {
             let start = f64::from(epoch) * EPOCH as f64;
-            // Delay: up to one frame of another board, then 111 to 115 bits, then interrupts.
+            // The message is delayed by up to one frame of another board, its own 111 to 115 bits, and interrupts.
             let delay = 111.0 + 135.0 * self.random.uniform() + 4.0 * self.random.uniform();
             let message = Message::TimeSync {
                 epoch,

@@ -105,7 +105,7 @@ pub struct Output {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
-    /// Axles, front first.
+    /// Reports and odometry of the axles, front first.
     tracks: [AxleTrack; AXLES],
     /// Pairs of neighbouring axles, front first.
     pairs: [Pair; PAIRS],
@@ -304,14 +304,14 @@ impl LeadNode {
                 return;
             }
         }
-        // Ticks of an epoch that plan ahead: all except those of the reports, of the step and of the fusion.
+        // All ticks of an epoch plan ahead, except those of the reports, of the step and of the fusion.
         let ticks = (EPOCH / TICK) as u32 - 3;
         self.with
             .regulator
             .plan_ahead(&mut self.state.regulator, ticks);
     }
 
-    /// One step at `now`; references go to `outbox`.
+    /// Runs one step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
         self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now);

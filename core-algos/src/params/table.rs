@@ -207,7 +207,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// From a declaration; panics at compile time for a number without two bounds.
+    /// Unit and allowed values of a declaration; panics at compile time for a number without two bounds.
     const fn of(kind: Kind) -> Self {
         match kind {
             Kind::Number {

@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn stop_longer_than_the_supervisor_timeout_is_refused() {
-        // At least 0.1 s of deceleration, 0.1 s of rest, 0.75 s of fading, 0.1 s of margin.
+        // A stop needs at least 0.1 s of deceleration, 0.1 s of rest, 0.75 s of fading and 0.1 s of margin.
         for (timeout, fits) in [(1.0499, false), (1.0501, true), (f32::NAN, false)] {
             let refused = Config::default().build(timeout).err();
             let field = refused.map(|error| error.field);

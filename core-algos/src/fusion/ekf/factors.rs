@@ -113,8 +113,8 @@ impl Covariance {
     /// Correlation below which (v, v̇) and (φ̇, φ̈) count as independent.
     const NEGLIGIBLE: f32 = 1e-6;
 
-    /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose variance is explained
-    /// by later states, up to rounding, gets no variance of its own.
+    /// Factors of a symmetric positive semidefinite matrix, of which the upper triangle is read. A state whose variance
+    /// is explained by later states, up to rounding, gets no variance of its own.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
         let mut rest = matrix.map(|row| row.map(f64::from));
         let mut factors = [[0.0; N]; N];
@@ -135,7 +135,7 @@ impl Covariance {
         Self::from_factors(&factors)
     }
 
-    /// From the factors of the whole matrix: D on the diagonal, U above it.
+    /// Splits the factors of the whole matrix, D on the diagonal and U above it.
     fn from_factors(factors: &Mat<N, N>) -> Self {
         let mut p = Self::ZERO;
         for i in 0..M {
@@ -339,7 +339,7 @@ impl Covariance {
                 phi[j] += turn[j];
             }
         }
-        // G Φ⁻¹: dependence on the motion after the step.
+        // The rows of G Φ⁻¹: dependence of the posture on the motion after the step.
         for row in &mut self.follow {
             row[ACCELERATION] -= t * row[SPEED];
             row[YAW_ACCELERATION] -= t * row[YAW_RATE];
@@ -399,8 +399,8 @@ impl Covariance {
         (gamma, remaining)
     }
 
-    /// As `add_motion_noise`, for noise that changes motion state `I` by `b` w and `K` > `I` by w, if no other motion
-    /// state is correlated with these two.
+    /// As `add_motion_noise`, for noise that changes motion state `I` by `b` w and `K` > `I` by w, if both are
+    /// uncorrelated with the other motion states.
     fn add_pair_noise<const I: usize, const K: usize>(
         &mut self,
         b: f32,

@@ -20,8 +20,8 @@ pub struct Fix {
 }
 
 impl Fix {
-    /// From the covariance of (x, y, φ) (lower triangle read); `None` unless it is positive
-    /// definite.
+    /// Decorrelates a noise with this covariance of (x, y, φ), of which the lower triangle is read. `None` unless it is
+    /// positive definite.
     pub fn new(covariance: &Mat3) -> Option<Self> {
         let r = covariance;
         let ok = |variance: f32| variance > 0.0 && variance.is_finite();

@@ -247,7 +247,7 @@ pub struct State {
     covariance: Covariance,
     /// Number of the last step within the upkeep period.
     upkeep: u8,
-    /// Rejected samples so far.
+    /// Numbers of samples rejected since the start.
     pub counters: Counters,
 }
 
@@ -260,7 +260,7 @@ impl Default for State {
 }
 
 impl State {
-    /// At rest at a known posture; `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
+    /// State of an axle at rest at a known posture. `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
     pub fn at_rest(start: &Estimate, speed_sigmas: [f32; 4]) -> Self {
         let mut covariance = [[0.0; N]; N];
         for i in 0..3 {
@@ -275,8 +275,8 @@ impl State {
         Self::from_parts([p.x, p.y, p.phi, 0.0, 0.0, 0.0, 0.0], &covariance)
     }
 
-    /// From all seven states and a full covariance, which should be symmetric and positive
-    /// definite; its upper triangle is read.
+    /// State from all seven values and their covariance, which should be symmetric and positive definite; its upper
+    /// triangle is read.
     pub fn from_parts(x: [f32; N], covariance: &Mat<N, N>) -> Self {
         Self {
             posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from),
@@ -342,7 +342,7 @@ impl State {
         }
     }
 
-    /// Corrects the motion states by `change` and the posture by its dependence on them.
+    /// Corrects the motion states by `change`, and the posture by G times `change`.
     fn correct(&mut self, change: &[f32; M]) {
         self.advance(self.covariance.follow(change));
         for k in 0..M {
@@ -369,7 +369,7 @@ impl State {
 }
 
 impl AxleFilter {
-    /// One period: motion model, then the measurements.
+    /// Runs one period: motion model, then update by the measurements.
     #[inline]
     pub fn step(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
         let by = self.move_on(state);

@@ -58,7 +58,7 @@ impl Reference {
     }
 
     fn predict(&mut self) {
-        // Jacobian by central differences: independent of any derivative written by hand.
+        // The Jacobian comes from central differences, independent of any derivative written by hand.
         let mut a = [[0.0; 7]; 7];
         let h = 1e-4;
         for k in 0..7 {
@@ -401,7 +401,7 @@ fn position_and_heading_keep_their_digits_over_a_million_steps() {
     for _ in 0..1_000_000 {
         filter.predict(&mut state);
     }
-    // Equal chords of a regular polygon: the sum of a geometric series of rotations.
+    // The positions are those of a regular polygon with equal chords: the sum of a geometric series of rotations.
     let (turn, n) = (omega * t, 1e6);
     let radius = v * t / (2.0 * (turn / 2.0).sin());
     let (first, last) = (0.5f32 as f64, 0.5 + n * turn);
@@ -745,7 +745,7 @@ fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
         let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
         let mut state = State::at_rest(&start, [1e-3; 4]);
         let mut random = Random::new(seed);
-        // Yaw rate: from rest up to 1 rad/s and back.
+        // The yaw rate rises from rest to 1 rad/s and falls back.
         let rate = |t: f64| {
             let (up, down) = ((t - 0.5) * acceleration, (1.0 - t) * acceleration);
             up.min(down).clamp(0.0, 1.0)

@@ -47,7 +47,7 @@ fn turns(k: usize) -> [f64; 2] {
     [w, -w]
 }
 
-/// One step by the advances of the wheels and the measured relative posture.
+/// Runs one interval with the advances of the wheels and the measured relative posture `link`.
 fn advance(ipec: &Ipec, state: &mut State, wheels: [f64; 4], link: Pose) {
     let wheels = wheels.map(|x| x as f32);
     ipec.step(state, &wheels, &narrow(link)).unwrap();
@@ -78,7 +78,7 @@ fn bumps_turn_the_odometry_but_not_the_corrected_heading() {
     let (mut odometry, mut random) = (0.0, Random::new(1));
     for k in 0..4000usize {
         let mut d = robot.step(0.0025, turns(k));
-        // Ten bumps: the left front wheel runs 2.5 mm further than the axle.
+        // In ten steps a bump makes the left front wheel run 2.5 mm further than its axle.
         if k % 400 == 200 {
             d[0] += 2.5e-3;
         }

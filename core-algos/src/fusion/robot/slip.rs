@@ -4,7 +4,7 @@ use super::{Increment, REFERENCE_TIME_S, REFERENCE_WAY_M, RobotFusion};
 use crate::fusion::{Estimate, constants};
 use crate::math::RelativeHeading;
 
-/// An increment with slip.
+/// An odometric increment with the variance of slip added.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slipping {
     /// Increment. Its covariance lies along and across the heading at its end, and in heading.

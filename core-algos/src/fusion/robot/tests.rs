@@ -166,7 +166,8 @@ fn lost_increment_is_covered_by_the_next_increment() {
     }
 }
 
-/// The random errors of joined axles may be fully correlated: twice the independent covariance.
+/// The random errors of axles that the beam has updated may be fully correlated, so twice the independent covariance is
+/// claimed.
 #[test]
 fn joined_axles_claim_twice_the_independent_covariance() {
     let exact = |posture| Estimate::new(posture, [[0.0; 3]; 3]);

@@ -145,7 +145,7 @@ fn bias_measured_too_long_ago_withholds_readings_until_it_is_measured_again() {
     let zeroing = config.build(PERIOD).unwrap();
     let mut bias = Bias::default();
     for _ in 0..10_000 {
-        // Bias never measured: taken as 0, as after calibration.
+        // A bias that was never measured is taken as 0, as after calibration.
         assert_eq!(zeroing.step(&mut bias, false, Some(0.2)), Some(0.2));
     }
     for _ in 0..1000 {

@@ -64,7 +64,7 @@ fn atan2_is_within_5e_7_of_f64() {
     let mut random = crate::fusion::testing::Random::new(5);
     let mut worst = 0.0f64;
     for i in 0..2_000_000 {
-        // All directions; lengths of many orders of magnitude.
+        // The vectors have all directions, and lengths of many orders of magnitude.
         let length = 10f64.powf(60.0 * random.uniform() - 30.0);
         let direction = if i % 2 == 0 {
             core::f64::consts::TAU * random.uniform()

@@ -26,7 +26,7 @@ pub(super) struct Backlash {
 }
 
 impl Backlash {
-    /// One tick with this torque, N m.
+    /// Runs one tick with the commanded torque of the wheel, N m.
     pub(super) fn step(&mut self, torque_nm: f32) {
         self.torque += (torque_nm - self.torque) * LAG_GAIN;
         if self.torque.abs() > PUSH_NM {
@@ -70,7 +70,7 @@ mod tests {
             (0..ticks).for_each(|_| backlash.step(torque));
             backlash.take_variance() / (GAP_M * GAP_M)
         };
-        // From the middle to a flank: the position is unknown at the start.
+        // The gear moves from the middle to a flank, because its position is unknown at the start.
         assert!((run(0.1, 60) - 0.5).abs() < 1e-5);
         assert_eq!(run(0.4, 500), 0.0);
         assert_eq!(run(0.0, 500), 0.0);

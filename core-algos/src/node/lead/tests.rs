@@ -576,7 +576,7 @@ fn a_drive_begins_with_the_bend_of_the_frame() {
 fn goal_with_a_wide_95_percent_error_is_uncertain() {
     let mut node = node();
     let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
-    // Tolerances of 10 cm and 0.0873 rad; 95 % are 2.448 and 1.960 standard deviations.
+    // The tolerances are 10 cm and 0.0873 rad; the 95 % errors are 2.448 and 1.960 standard deviations.
     let cases = [
         ([0.040, 0.01], 0.0, true),
         ([0.042, 0.01], 0.0, false),

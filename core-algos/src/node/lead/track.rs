@@ -50,7 +50,7 @@ impl AxleReport {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
 
-/// Epochs that are kept.
+/// Number of epochs that are kept.
 pub(super) const EPOCHS: usize = 8;
 
 impl<T> Default for Recent<T> {

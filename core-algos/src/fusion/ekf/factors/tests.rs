@@ -109,7 +109,8 @@ fn covariance_is_finite_if_every_part_is() {
     }
 }
 
-/// Noise along one direction has no variance across it; rounding must not make that variance negative.
+/// Position noise along one direction has no variance across this direction. Rounding must not make that variance
+/// negative.
 #[test]
 fn position_noise_along_one_line_makes_no_pivot_negative() {
     for k in 0..200u8 {

@@ -18,7 +18,6 @@ impl Covariance {
         }
     }
 
-    /// Variance of a state.
     fn variance(&self, i: usize) -> f32 {
         if i < 3 {
             let mut own = self.own[i][i];

@@ -21,7 +21,7 @@ const FRAMES: [Posture; 2] = [Posture::new(3.0, -2.0, 1.0), Posture::new(-1.0, 4
 const DT: f32 = 0.01;
 
 impl World {
-    /// At rest at the origin, with the frame straight.
+    /// World with the robot at rest at the origin and its frame straight.
     fn new(task: Task) -> Self {
         let mut node = node();
         node.command(task);
@@ -476,7 +476,7 @@ fn driven_robot_follows_its_commands_and_stops_without_them() {
     (0..50).for_each(|_| assert_eq!(world.step().mode, LeadMode::Hold));
     assert!(distance(world.center(), after) < 1e-3);
     drive(&mut world, 300);
-    // After `Task::Idle`: 0.15 s for the stop, 0.1 s to rest and 0.75 s to release.
+    // After `Task::Idle` the stop takes 0.15 s, the rest 0.1 s and the release 0.75 s.
     world.node.command(Task::Idle);
     assert!((99..=102).contains(&world.epochs(OperatingState::SafeStop)));
 }
