@@ -28,7 +28,7 @@ pub struct Timing {
     pub window: u16,
     /// Least time from an edge of the timer to the first reading, at any pair of duties.
     pub settling: u16,
-    /// Least time from the end of the last reading to the next edge.
+    /// Least time from the end of the last sampling to the next edge.
     pub margin: u16,
     /// Smallest compare value whose trigger pulse is long enough for the converter.
     pub earliest: u16,
