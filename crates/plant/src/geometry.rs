@@ -78,7 +78,8 @@ impl Geometry {
         }
     }
 
-    /// Geometry after moving at velocity `v` (frames of the start) for a time, over which the axles turn by `turns`.
+    /// Geometry after the axles have moved for `time` (s) at velocities `v` (axles' frames at the start) and turned by
+    /// `turns` (cos, sin).
     #[inline(always)]
     pub fn moved(&self, clamps: &Clamps, v: &[Vec3; 2], turns: [[f64; 2]; 2], time: f64) -> Self {
         let [f, r] = v;

@@ -68,7 +68,7 @@ pub struct Plant {
     health: Health,
 }
 
-/// Wheels of two neighbouring axles, four in a vector. The last group of an odd count holds one axle.
+/// Wheels of two neighbouring axles, four in a vector. If the number of axles is odd, the last group holds one axle.
 #[derive(Clone, Debug)]
 struct Group {
     wheels: Wheels,
@@ -218,7 +218,7 @@ impl Plant {
         chain
     }
 
-    /// Applies the present loads to the wheels.
+    /// Sets load and rolling radius of every wheel from the present loads.
     fn apply_loads(&mut self) {
         for (g, group) in self.groups.iter_mut().enumerate() {
             group.conditions.load = of_wheels(&self.loads.now, 2 * g);
@@ -229,8 +229,8 @@ impl Plant {
         }
     }
 
-    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`), which are held.
-    /// A missing or non-finite command counts as zero.
+    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`), held over the
+    /// tick. A missing or non-finite command counts as zero.
     pub fn step(&mut self, torque: &[[f64; 2]]) {
         match self.axles.len() {
             2 => self.step_of::<2, 1, 1>(torque),
@@ -445,7 +445,7 @@ impl Plant {
             total[f] = frame.damped(&elastic, &there[f].rate(&pair(&body, f)));
         }
 
-        // Second stage: (I − γhA) k = f(there) − k₁.
+        // Second stage: (I − γhA) k = f(there) − k₁; "there" is the state after half a step of the first stage.
         let mut then = now;
         for k in 0..G {
             let group = &groups[k];
@@ -565,7 +565,7 @@ impl Plant {
 /// Updates the geometry of the frames from the postures of the axles.
 #[inline(always)]
 fn locate<V: Lanes>(axles: &[AxleState], frames: &mut [Frame]) {
-    // Four axles at a time.
+    // Computes the directions of four axles at a time.
     let mut heading = [[0.0; 4]; MAX_AXLES.div_ceil(4)];
     for (i, axle) in axles.iter().enumerate() {
         heading[i / 4][i % 4] = axle.posture[2];

@@ -29,13 +29,13 @@ pub trait Lanes:
     fn min(self, other: Self) -> Self;
     /// The larger, or `other` where either is NaN.
     fn max(self, other: Self) -> Self;
-    /// These numbers where `a` equals `b`, zero elsewhere.
+    /// The lane where `a` equals `b`, zero elsewhere.
     fn where_equal(self, a: Self, b: Self) -> Self;
-    /// [c, d, a, b].
+    /// Lanes [a, b, c, d] in the order [c, d, a, b].
     fn halves_swapped(self) -> Self;
     /// Lane `i` (0 to 3) four times.
     fn spread(self, i: usize) -> Self;
-    /// Rows to columns.
+    /// Columns of the 4 × 4 matrix with these rows.
     fn transposed(rows: [Self; 4]) -> [Self; 4];
 
     /// Lane `i` (0 to 3).
@@ -102,7 +102,7 @@ impl<V: Lanes> Twelve<V> {
         [a.store(), b.store(), c.store()]
     }
 
-    /// Sum of the groups.
+    /// Sum of the three groups, lane by lane.
     #[inline(always)]
     pub fn folded(self) -> V {
         let [a, b, c] = self.0;
@@ -130,7 +130,7 @@ macro_rules! narrow {
 narrow!(Add add +, Sub sub -, Mul mul *, Div div /);
 
 impl Narrow {
-    /// These numbers where `taken` is true for the lane, `others` elsewhere.
+    /// The lane where `taken` is true, the lane of `others` elsewhere.
     #[inline(always)]
     fn or_where(self, others: &[f64; 4], taken: impl Fn(usize) -> bool) -> Self {
         Self([0, 1, 2, 3].map(|i| if taken(i) { self.0[i] } else { others[i] }))
@@ -298,7 +298,7 @@ mod wide {
 mod tests {
     use super::*;
 
-    /// Every operation on the same numbers, as bits.
+    /// Results of every operation on the same numbers, as bits.
     fn all<V: Lanes>(rows: &[[f64; 4]; 4]) -> Vec<u64> {
         let v: [V; 4] = std::array::from_fn(|i| V::load(&rows[i]));
         let [a, b, c, _] = v;

@@ -21,13 +21,13 @@ macro_rules! table {
     }};
 }
 
-/// Curvature polynomials, orders 0 to `ORDER − 1`.
+/// Number of curvature polynomials: orders 0 to `ORDER − 1`.
 pub const ORDER: usize = 9;
-/// Polynomials with unknown coefficients: all orders except 0, which the turn of the end gives.
+/// Number of polynomials with unknown coefficients: all orders except 0, which the turn of the end gives.
 pub const MODES: usize = ORDER - 1;
-/// Gauss–Legendre points along the strip.
+/// Number of Gauss–Legendre points along the strip.
 pub const POINTS: usize = 12;
-/// Pairs of points.
+/// Number of pairs of points.
 pub const PAIRS: usize = POINTS / 2;
 
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
@@ -119,10 +119,10 @@ pub const LANES: [[(usize, f64); 4]; 3] = [
     [(0, -1.0), (1, -1.0), (2, -1.0), (3, -1.0)],
 ];
 
-/// Weights along the strip.
+/// Quadrature weights at the twelve places of a [`Strand`].
 pub const STRAND_WEIGHTS: Strand = table!([3, 4], |g, n| WEIGHTS[LANES[g][n].0]);
 
-/// Slope function of order 0, (1 + ξ)/2, along the strip.
+/// Slope function of order 0, (1 + ξ)/2, at the twelve places of a [`Strand`].
 pub const STRAND_RISE: Strand = table!([3, 4], |g, n| {
     let (node, side) = LANES[g][n];
     0.5 * (1.0 + side * NODES[node])
@@ -163,8 +163,8 @@ pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
     all
 };
 
-/// Bending stiffness of each row, 1/(2n + 1), on a strip of unit length and stiffness; even and odd
-/// slope functions.
+/// Bending stiffness of each order n of [`MODE`], 1/(2n + 1), on a strip of unit length and stiffness. The first group
+/// has even slope functions, the second odd.
 pub const BENDING: [[f64; 4]; 2] = table!([2, 4], |g, n| 1.0 / (2 * MODE[4 * g + n] + 1) as f64);
 
 #[cfg(test)]

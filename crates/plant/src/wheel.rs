@@ -35,7 +35,8 @@ const ROLLING_FADE_RAD_S: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
-    /// Slip velocity at half the friction, per rolling speed; `creep` is the least such slip velocity, m/s.
+    /// Slip velocity at which the tyre gives half its friction, per rolling speed. `creep` is the least such slip
+    /// velocity, m/s.
     compliance: [f64; 4],
     creep: f64,
     /// Weight between the secant (0) and the tangent (1) of force over slip in the linearisation. The step is of second
@@ -119,7 +120,7 @@ impl Wheels {
                 (
                     stiffness.map(|c| highest / c),
                     brush.rest_velocity_m_s,
-                    // A tyre that slides now may stick before the step is over.
+                    // Half secant, half tangent, because a tyre that slides may stick before the step is over.
                     0.5,
                 )
             }

@@ -10,7 +10,7 @@ const MIN_SIMILARITY: f64 = 0.75;
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
 
-/// Text after the path of an unknown key.
+/// Text of an error after the path of an unknown key.
 pub const UNKNOWN: &str = ": unknown key";
 
 /// Beginning of a suggestion.

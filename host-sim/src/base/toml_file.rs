@@ -14,9 +14,9 @@ use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-/// Key of the table that holds one of the tables [`LAWS`].
+/// Key of the tyre's table; it holds one table of [`LAWS`].
 const TYRE: &str = "tyre";
-/// Tables of the tyre laws.
+/// Keys of the tables of the tyre laws.
 const LAWS: [&str; 2] = ["creep", "brush"];
 /// Keys of version 0.1 in the table `plant`, each with its replacement.
 const RENAMED: [(&str, &str); 3] = [
@@ -26,7 +26,7 @@ const RENAMED: [(&str, &str); 3] = [
 ];
 /// Largest number of parts of a key on the command line.
 const DEPTH: usize = 16;
-/// Longest text that is searched for the line of too deep nesting, bytes.
+/// Longest text in which the line of too deep nesting is searched, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
 /// Text of a file and its name in errors; the text is empty without a file.
@@ -143,7 +143,8 @@ pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
     Ok(table)
 }
 
-/// Form of the list at `path`: that of the default value. `None` if the default is not a list with entries.
+/// Default value of the list at `path` as text, an example of its form. `None` if the default is not a list with
+/// entries.
 fn form_at(known: &Table, path: &Path) -> Option<String> {
     let mut parts = path.iter();
     let Some(Segment::Map { key }) = parts.next() else {
@@ -174,7 +175,8 @@ fn short(value: &Value) -> String {
     }
 }
 
-/// Full key of an entry whose path ends at an unknown table: the keys written below are appended.
+/// Full key of an entry whose `path` ends at an unknown table: the first key in that table, and in the tables below it,
+/// is appended.
 fn whole_key(mut path: String, written: &Table) -> String {
     let mut value = path
         .split('.')

@@ -93,7 +93,8 @@ impl VirtualBus {
         }
     }
 
-    /// Sends a frame that a board has encoded.
+    /// Sends a frame that a board has encoded. Gives the frame on the bus; `None` if the frame is refused or the bus is
+    /// cut.
     pub fn send_frame(&mut self, now: Micros, frame: &CanFrame) -> Option<CanFrame> {
         match bus::decode(frame) {
             Ok(message) => self.transmit(now, frame, message),
@@ -133,7 +134,7 @@ impl VirtualBus {
         Some(*frame)
     }
 
-    /// True with this probability.
+    /// True with the probability `share`.
     fn happens(&mut self, share: f64) -> bool {
         share > 0.0 && self.rng.random::<f64>() < share
     }
@@ -217,7 +218,7 @@ pub fn sender(topology: Topology, frame: &CanFrame) -> Option<Role> {
 
 /// Name of the message with this identifier in the bus description; `None` for an unknown identifier.
 pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
-    /// Names by number of axles.
+    /// Identifiers and names of the messages; the index is the number of axles.
     static NAMES: LazyLock<Vec<Vec<(u16, String)>>> = LazyLock::new(|| {
         let robots = (0..=MAX_AXLES).map(Topology::new);
         let names = |robot| layout::messages(robot).map(|of| (of.id, of.to_string()));

@@ -44,7 +44,7 @@ pub enum PathError {
         /// Allowed values, in words.
         allowed: &'static str,
     },
-    /// A row that is not a waypoint.
+    /// A row of a CSV file that is not a waypoint.
     Row {
         /// Line in the file, from 1.
         line: u64,
@@ -68,7 +68,7 @@ pub enum PathError {
     Curvature {
         /// Place of the largest curvature.
         place: PathPosition,
-        /// Largest curvature, 1/m.
+        /// Largest curvature of the path, 1/m.
         value: f64,
         /// Limit of the curvature, 1/m.
         bound: f64,
@@ -77,7 +77,7 @@ pub enum PathError {
     SteeringRate {
         /// Place of the largest change.
         place: PathPosition,
-        /// Largest |dψ/ds|, rad/m.
+        /// Largest |dψ/ds| of the path, rad/m.
         value: f64,
         /// Limit of |dψ/ds|, rad/m.
         bound: f64,

@@ -26,7 +26,7 @@ pub const SPACING_M: f64 = 0.01;
 pub const MAX_COORDINATE_M: f64 = 1000.0;
 /// Longest path, m.
 pub const MAX_LENGTH_M: f64 = 5000.0;
-/// Least distance between waypoints, m.
+/// Least allowed distance between waypoints, m.
 pub const MIN_SEPARATION_M: f64 = 1e-3;
 /// Names of the built-in paths.
 pub const NAMES: [&str; 3] = ["line", "circle", "figure-eight"];

@@ -193,7 +193,7 @@ struct MotionState {
 }
 
 struct TimeLaw {
-    /// Start of each piece: time, state, acceleration.
+    /// Pieces of constant acceleration: time and state at the start of the piece, acceleration.
     pieces: Vec<(f64, MotionState, f64)>,
     end: (f64, MotionState),
 }

@@ -256,7 +256,7 @@ mod tests {
         let mut other = trace();
         other.torque([[0.0; 2]; 2]);
         assert_eq!(trace().difference(&other).unwrap().tick, 20);
-        // The sign of zero counts.
+        // Zeros of different sign are different.
         let mut other = trace();
         other.torques[0][0] = -0.0;
         assert!(trace().difference(&other).is_some());

@@ -102,7 +102,7 @@ pub enum Cause {
     Done,
     /// The lead node failed, the robot cannot go on, or the time limit has passed.
     Unfinished,
-    /// The user ended the run, by this option if there is one.
+    /// The user ended the run; holds the command-line option that set its end, if any.
     Interrupted(Option<&'static str>),
     /// The robot does not answer, with the reason.
     NoAnswer(String),

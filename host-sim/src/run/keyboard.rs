@@ -225,7 +225,7 @@ mod tests {
         keyboard.press(Key::Halt);
         assert_eq!(keyboard.take_task(), Some(Task::Stop));
         assert_eq!(keyboard.hand(), Hand::default());
-        // Without a driver the keys do not drive.
+        // A default keyboard does not drive the robot.
         let watcher = Keyboard::default();
         watcher.press(Key::Forward);
         assert_eq!(watcher.hand(), Hand::default());

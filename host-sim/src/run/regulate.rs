@@ -91,7 +91,7 @@ impl Drive {
         }
     }
 
-    /// Adds the state after an epoch.
+    /// Adds the robot's state after an epoch to the statistics.
     fn observe(&mut self, record: &Record) {
         const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
         let [x, y, phi] = self.last;

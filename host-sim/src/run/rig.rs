@@ -119,7 +119,7 @@ impl Rig {
         &self.lead
     }
 
-    /// Injected fault.
+    /// Injector of the fault; `None` without an injected fault.
     pub fn injector(&self) -> Option<&Injector> {
         self.injector.as_ref()
     }
@@ -248,8 +248,8 @@ impl Rig {
     }
 }
 
-/// Configuration of a drawn robot's boards: the scenario's configuration with the bridge zeros of the drawn robot at a
-/// straight edge, and the constants of the converter.
+/// Configuration of a drawn robot's boards: the scenario's configuration with the constants of the converter, and with
+/// the bridge zeros of the drawn robot, measured with the frame held against a straight edge.
 pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();

@@ -53,7 +53,7 @@ pub struct AxleRecord {
 pub struct FrameRecord {
     /// Wrench of the frame on its axles.
     pub wrench: Wrench,
-    /// True posture of the axle ahead in the coordinates of the axle behind.
+    /// True posture of the axle ahead in the coordinates of the axle behind: m, m, rad.
     pub relative: [f64; 3],
     /// Points of the bent frame from its root to its tip, global, m.
     pub points: [[f32; 2]; FRAME_POINTS],
@@ -206,7 +206,7 @@ pub struct Span {
 /// Bounds, pace and observers of a run.
 #[derive(Default)]
 pub struct RunControl {
-    /// Bounds of the time.
+    /// Bounds of the run's time.
     pub span: Span,
     /// Flag that ends the run when set.
     pub interrupt: Option<Arc<AtomicBool>>,

@@ -134,7 +134,7 @@ pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
     }]
 }
 
-/// Largest speed (m/s) and curvature (1/m) of a step.
+/// Largest allowed speed (m/s) and curvature (1/m) of a step.
 pub fn limits(scenario: &Scenario) -> [f64; 2] {
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     let bound = path_run::bounds(scenario).max_curvature();
@@ -419,7 +419,7 @@ impl<F> StepTask<'_, F> {
     }
 }
 
-/// Progress of a step without a goal.
+/// Progress of a step without a goal: over if `finished`, else driving.
 fn over(finished: bool) -> Progress {
     match finished {
         true => Progress::Over,
@@ -661,7 +661,7 @@ mod tests {
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
         };
         near(truth(0), 1.0, 0.2);
-        // Speed times time minus the ramps, on an arc to the left.
+        // The robot drives an arc to the left; its length is speed times time less the ramps.
         let driven = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
         assert!((0.3..0.45).contains(&driven), "{driven}");
         assert!(

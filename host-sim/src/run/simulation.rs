@@ -41,7 +41,7 @@ impl Simulation {
         Self::on(boards, scenario, seed, trial)
     }
 
-    /// Creates the trial with the given targets.
+    /// Creates the trial with the given boards.
     pub fn on(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -300,7 +300,8 @@ mod tests {
             ticks += 1;
             assert!(ticks < 500, "the task never reached the motors");
         }
-        // The command passes the lead node's epoch and the bus to the axle; the motors follow one tick later.
+        // The command reaches the axle after the lead node's epoch and the latency of the bus; the motors follow one
+        // tick later.
         let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
     }
@@ -324,7 +325,7 @@ mod tests {
     #[test]
     fn motors_switch_off_without_messages() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        // A task needs a robot at rest whose boards have received each other's messages.
+        // Lets the robot settle: a task needs a robot at rest whose boards have received each other's messages.
         for _ in 0..100 {
             simulation.step().unwrap();
         }
@@ -337,7 +338,7 @@ mod tests {
         assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.rig.bus.cut();
-        // 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest, 750 ms to release the frame.
+        // The stop takes 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest and 750 ms to release the frame.
         for _ in 0..1200 {
             simulation.step().unwrap();
         }

@@ -31,7 +31,7 @@ pub enum Use {
     Replay,
 }
 
-/// Rules by scenario and use.
+/// Rules whose condition depends on the scenario and its use.
 const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
      robot.beam.calibration.full_scale_counts":
@@ -162,7 +162,7 @@ impl GivenKeys {
 /// Keys that the command itself sets, each with the reason.
 pub type Taken<'a> = &'a [(&'a str, &'a str)];
 
-/// Key and reason if the key has no effect in any of the runs.
+/// Key and reason if the key has no effect in any of the runs; `None` if it has an effect in a run.
 pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
     let taken = taken.iter().find(|(other, _)| within(key, other));
     let reason = taken.map(|(_, reason)| *reason).or_else(|| {

@@ -107,7 +107,7 @@ pub struct Scenario {
     pub world: World,
 }
 
-/// Layout of a scenario file: the world's tables stand beside the others.
+/// Layout of a scenario file: the tables of the world are on the top level, as `mission`, `robot` and `boards` are.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {

@@ -124,7 +124,7 @@ impl BoardRecord {
         }
     }
 
-    /// Adds the next entry.
+    /// Adds the next entry of the board's reports to the record.
     pub fn put(&mut self, entry: &Entry) {
         let own = entry.frame();
         let own = own.map(|frame| (frame, sender(self.config.topology(), &frame)));

@@ -168,7 +168,7 @@ impl Boards {
         self.losses.end(tick)
     }
 
-    /// Report of each fitted board; running boards report their stack.
+    /// Report of each fitted board; with the stack use of boards that are running.
     pub fn reports(&mut self) -> Vec<TargetReport> {
         let mut reports = Vec::new();
         for slot in &mut self.slots {
@@ -289,7 +289,7 @@ impl Boards {
         Ok(())
     }
 
-    /// Value of a board's answer; `None` if the board was lost, without an answer or by a restart. An error if the run
+    /// Value of a board's answer; `None` if the board gave no answer or restarted, and so was lost. An error if the run
     /// cannot continue.
     fn value_or_loss<T>(
         &mut self,

@@ -1,7 +1,7 @@
 //! Faults injected at the interfaces of a simulated robot: sensors, motors, frame, bus, boards.
 //!
-//! [`Injector`] applies a fault; the catalogue (`virtual_robot::faults` in the crate `remote`) lists the allowed ends
-//! of a run with each fault.
+//! [`Injector`] applies a fault; `virtual_robot::faults` in the crate `remote` lists the allowed ends of a run with
+//! each fault.
 
 mod inject;
 
@@ -34,7 +34,7 @@ pub enum Rail {
 pub enum Fault {
     /// No fault: control of the campaign.
     None,
-    /// Bus with the given properties.
+    /// The bus gets the given properties.
     Bus(BusConfig),
     /// A board loses its supply and restarts.
     Reset {
@@ -61,7 +61,7 @@ pub enum Fault {
     },
     /// Bridges read an end of the converter's range.
     GaugeRail {
-        /// Number of bridges, from the root.
+        /// Number of bridges at the end of the range, counted from the root.
         count: usize,
         /// End of the range that the bridges read.
         rail: Rail,
