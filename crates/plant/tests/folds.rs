@@ -59,9 +59,9 @@ fn joints(load: Load, last: f64) -> Vec<f64> {
     angles
 }
 
-/// A chain of rigid links with springs at the joints, its end held: force, end moment and number of directions in
-/// which its energy falls. Newton's method on angles and force; the energy's Hessian is tridiagonal, and Sylvester's
-/// law counts the directions by the signs of its pivots and of the constraints' complement.
+/// A chain of rigid links with springs at the joints, its end held: force, end moment and number of directions in which
+/// its energy falls. Newton's method on angles and force; the energy's Hessian is tridiagonal, and Sylvester's law
+/// counts the directions by the signs of its pivots and of the constraints' complement. `None` without convergence.
 fn chain(load: Load, end: [f64; 3]) -> Option<([f64; 3], usize)> {
     let h = 1.0 / LINKS as f64;
     let mut angles = joints(load, end[2]);

@@ -136,7 +136,8 @@ pub fn with_list(text: &str, form: Option<String>) -> String {
     listed.map_or_else(|| text.to_owned(), |listed| listed + &example)
 }
 
-/// Path of the key with the most similar name; of equal names, the most similar path.
+/// Path of the key with the most similar name; of equal names, the most similar path. `None` if no name is similar
+/// enough.
 fn closest(key: &str, defaults: &Table) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let mut all = Vec::new();

@@ -188,7 +188,8 @@ fn whole_key(mut path: String, written: &Table) -> String {
     path.chars().take(LONGEST_LINE).collect()
 }
 
-/// Line, from 1, of the entry at `path`, or of the deepest part of `path` that the text has.
+/// Line, from 1, of the entry at `path`, or of the deepest part of `path` that the text contains. `None` if the text
+/// contains no part.
 fn line(text: &str, path: &Path) -> Option<usize> {
     let root = DeValue::Table(DeTable::parse(text).ok()?.into_inner());
     let (mut value, mut start) = (&root, None);
@@ -240,7 +241,7 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
 }
 
 /// Path and value of the first number that is not finite. Later range checks miss a given number that a derived value
-/// has replaced.
+/// has replaced. `None` if all numbers are finite.
 fn not_finite(value: &Value) -> Option<(String, f64)> {
     let within = |key: &str, inner: &Value| {
         let (path, number) = not_finite(inner)?;

@@ -291,7 +291,7 @@ impl RunEnd {
 }
 
 /// Condition that makes a reached goal uncertain, by the latest heartbeats: the lead node's notice, or a sensor that a
-/// node found inconsistent.
+/// node found inconsistent. `None` if there is neither.
 fn uncertain(robot: &impl Robot) -> Option<Condition> {
     let notices = |node| robot.monitor().latest(node).map(|latest| latest.notices);
     let lead = notices(Node::Lead).unwrap_or_default();

@@ -72,7 +72,7 @@ struct Keys {
     ticks: u64,
     rate: f64,
     hand: Hand,
-    /// Largest speed (m/s) and curvature (1/m) of a drive by hand.
+    /// Limits of speed (m/s) and curvature (1/m) of a drive by hand; `None` if the keys do not drive.
     limits: Option<[f64; 2]>,
     pressed: Instant,
     /// True if the robot was stopped because no key was pressed.
@@ -195,7 +195,7 @@ impl Keyboard {
         self.keys().idled.then(text)
     }
 
-    /// Takes the task to send before the speed.
+    /// Removes and gives the task that must be sent before the commanded speed; `None` if there is none.
     pub fn take_task(&self) -> Option<Task> {
         self.keys().hand.task.take()
     }

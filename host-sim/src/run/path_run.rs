@@ -282,7 +282,7 @@ impl Sums {
     }
 }
 
-/// Outcome of a run.
+/// Outcome of a path run: errors and end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Errors of the true midpoint.

@@ -402,7 +402,7 @@ struct StepTask<'a, F> {
 }
 
 impl<F> StepTask<'_, F> {
-    /// Task from the keys; a stop is sent once.
+    /// Task that the keys command; `None` after a stop has been sent, until the next key.
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
         let rests = hand.speed_m_s == 0.0;
@@ -487,7 +487,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     }
 
     fn must_end(&self, robot: &R) -> bool {
-        // A fault does not end these steps, which clear faults.
+        // A fault does not end the steps `clear` and `hand`: in both the user can clear faults.
         match self.step {
             ScriptStep::Clear | ScriptStep::Hand(_) => {
                 robot.is_interrupted() || robot.is_out_of_time()

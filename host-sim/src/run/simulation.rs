@@ -120,7 +120,7 @@ impl Simulation {
         self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
 
-    /// Trace of the boards since [`Self::record_trace`].
+    /// Trace of the boards since [`Self::record_trace`]; `None` if not recorded.
     pub fn take_trace(&mut self) -> Option<Trace> {
         self.rig.trace.take()
     }

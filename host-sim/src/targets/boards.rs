@@ -153,7 +153,7 @@ impl Boards {
         self.losses.events()
     }
 
-    /// Latest restart of an axle board, ms.
+    /// Latest restart of an axle board, ms; `None` without a restart.
     pub fn last_restart(&self) -> Option<u32> {
         self.losses.last_restart()
     }

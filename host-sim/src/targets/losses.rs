@@ -87,7 +87,7 @@ impl Losses {
         self.events.iter().any(|event| event.role == name)
     }
 
-    /// Latest restart of an axle board, ms.
+    /// Latest restart of an axle board, ms; `None` without a restart.
     pub fn last_restart(&self) -> Option<u32> {
         self.restarted
     }

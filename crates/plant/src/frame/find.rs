@@ -73,7 +73,8 @@ impl Strip {
         Some((e, stable))
     }
 
-    /// Equilibrium at the end in `start`, by Newton's method from the exact elastica fitted to `curvature`.
+    /// Equilibrium at the end in `start`, by Newton's method from the exact elastica fitted to `curvature`. `None` if
+    /// either does not converge.
     fn start_of_exact(
         &self,
         start: &Equilibrium,
