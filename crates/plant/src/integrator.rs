@@ -46,7 +46,7 @@ const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 /// The simulated robot.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    /// True if the processor has AVX2. The results do not depend on it.
+    /// True if the processor has AVX2, on which the results do not depend.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
     bodies: Vec<Body>,
@@ -77,7 +77,7 @@ struct Group {
     drivetrain: Drivetrain,
 }
 
-/// Vectors of an axle and of the axle behind it; zero behind the last axle.
+/// Vectors of the axle `first` and of the axle behind it; the second is zero if `first` is the last axle.
 #[inline(always)]
 fn pair<const N: usize, const D: usize>(of: &[[f64; D]; N], first: usize) -> [[f64; D]; 2] {
     let last = if first + 1 < N {

@@ -108,8 +108,8 @@ pub const WEIGHTS: [f64; PAIRS] = {
 /// Slope functions at the positive nodes, in the order of [`MODE`].
 pub const SLOPES: [[f64; MODES]; PAIRS] = table!([PAIRS, MODES], |k, i| slope(MODE[i], NODES[k]));
 
-/// Twelve values along the strip, in lanes: the four outermost positive nodes; the other two and
-/// their mirrors; the mirrors of the first four.
+/// Twelve values along the strip, in lanes: at the four outermost positive nodes; at the two innermost positive nodes
+/// and their mirrors; at the mirrors of the four outermost.
 pub type Strand = [[f64; 4]; 3];
 
 /// Number of the positive node in each lane of a [`Strand`], and the sign of the lane's node.
@@ -143,9 +143,10 @@ pub const STRAND_SLOPES: [[[f64; 4]; 2]; MODES] = {
     all
 };
 
-/// Products of slope functions at each positive node, in lanes. Rows 0 to 2: the even functions with each other. Their
-/// fourth row is left out: its last entry replaces the first entry of row 1, the others follow by symmetry. Rows 3
-/// to 5: the odd functions in the same way. Rows 6 to 9: the even with the odd functions.
+/// Products of slope functions at each positive node, in lanes. Rows 0 to 2: products of the even functions with each
+/// other, without a fourth row. The last entry of the fourth row replaces the first entry of row 1; its other entries
+/// follow by symmetry. Rows 3 to 5: the odd functions, arranged as the even functions. Rows 6 to 9: products of even
+/// and odd functions.
 pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
     let mut all = [[[0.0; 4]; 10]; PAIRS];
     let mut k = 0;

@@ -23,7 +23,7 @@ impl<T> PerAxle<T> {
         &mut self.0
     }
 
-    /// Expands the list to one entry for each of `axles` axles. The error has this `field` and the number of entries.
+    /// Expands the list to one entry for each of `axles` axles. The error names `field` and the number of entries.
     pub(super) fn spread(&mut self, field: &'static str, axles: usize) -> Result<(), ConfigError>
     where
         T: Clone,

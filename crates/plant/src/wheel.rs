@@ -104,8 +104,8 @@ pub struct Hub<V> {
 }
 
 impl Wheels {
-    /// Wheels of axle `first` and the axle behind it, from checked constants. The radii were measured under the loads
-    /// `load` (N).
+    /// Wheels of axle `first` and the axle behind it, from checked constants. The configured radii are the radii under
+    /// the loads `load` (N).
     pub fn new(config: &PlantConfig, first: usize, load: [f64; 4]) -> Self {
         let last = (first + 1).min(config.axles() - 1);
         let [a, b] = [config.wheel_radius_m[first], config.wheel_radius_m[last]];
@@ -182,7 +182,7 @@ impl Wheels {
         self.meshed[wheel] == 1.0
     }
 
-    /// Sets the radii under these loads, N.
+    /// Sets the rolling radii of the wheels under the loads `load`, N.
     #[inline(always)]
     pub fn update_radii(&mut self, load: &[f64; 4]) {
         if self.softness > 0.0 {

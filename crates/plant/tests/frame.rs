@@ -102,7 +102,7 @@ fn buckled_shapes_follow_the_exact_elastica() {
     }
 }
 
-/// Compares force and moments at small deflections with those of a clamped beam.
+/// Compares force and moments at small deflections with the force and moments of a clamped beam.
 #[test]
 fn small_deflections_follow_beam_theory() {
     let strip = strip();

@@ -17,7 +17,7 @@ fn brush() -> PlantConfig {
     }
 }
 
-/// All imperfections at once, larger than real ones.
+/// Robot with all imperfections, larger than in a real robot.
 fn imperfect_robot() -> PlantConfig {
     PlantConfig {
         friction: 0.6,
@@ -44,7 +44,7 @@ fn imperfect_robot() -> PlantConfig {
     }
 }
 
-/// Brush tyre, and a strip that is straight when unloaded.
+/// Robot with brush tyres and a strip that is straight when unloaded.
 fn straight() -> PlantConfig {
     PlantConfig {
         natural_slope_rad: 0.0,
@@ -348,7 +348,7 @@ fn side_slip_and_carpet_drift_are_shares_of_the_distance() {
             let (s, c) = heading.sin_cos();
             [x - c * rolled, y - s * rolled].map(|way| way / rolled.abs())
         });
-        // Carpet drift fades below 0.05 rad/s of wheel speed, so a little of it is missing after the start.
+        // Carpet drift fades below 0.05 rad/s of wheel speed, so a little drift is missing after the start.
         assert!((x - u - 0.006).abs() < 1e-4, "{heading} {}", x - u);
         assert!((y - v + 0.003).abs() < 1e-4, "{heading} {}", y - v);
     }

@@ -40,7 +40,7 @@ pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String 
     suggestion.map_or_else(String::new, |name| format!("; {DID_YOU_MEAN}{name}?"))
 }
 
-/// Replaces the list of expected keys in a TOML error by a suggestion, if one resembles the unknown key.
+/// Replaces the list of expected keys in a TOML error by a suggestion, if an expected key resembles the unknown key.
 pub fn with_sibling(text: String) -> String {
     let parts = text
         .split_once("unknown field `")

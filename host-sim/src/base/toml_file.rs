@@ -154,7 +154,7 @@ fn form_at(known: &Table, path: &Path) -> Option<String> {
     let form = parts.try_fold(first, |value, part| match part {
         Segment::Map { key } => value.get(key),
         Segment::Enum { variant } => value.get(variant),
-        // All entries of a list have one form.
+        // The first entry stands for all: the entries of a list have one form.
         Segment::Seq { .. } => value.get(0),
         Segment::Unknown => None,
     })?;

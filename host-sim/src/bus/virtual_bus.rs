@@ -198,7 +198,7 @@ impl VirtualBus {
         }
     }
 
-    /// Cuts the bus: all messages are lost, also those under way and those within a board.
+    /// Cuts the bus: all messages are lost, also messages under way and messages within a board.
     pub fn cut(&mut self) {
         self.severed = true;
         self.transit.clear();

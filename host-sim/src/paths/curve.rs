@@ -324,8 +324,8 @@ impl Path {
         }
     }
 
-    /// Arc length (m) of the point of the path nearest to `(x, y)` (m) among those within
-    /// `window` (m) of arc length `from` (m).
+    /// Arc length (m) of the point of the path nearest to `(x, y)` (m) among the points within `window` (m) of arc
+    /// length `from` (m).
     pub fn nearest(&self, x: f64, y: f64, from: f64, window: f64) -> f64 {
         let first = self.samples.partition_point(|at| at.s < from - window);
         let (mut best, mut least) = (from, f64::INFINITY);

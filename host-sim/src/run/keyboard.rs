@@ -165,8 +165,8 @@ impl Keyboard {
         (keys.paused, keys.rate)
     }
 
-    /// True if the simulation must wait: it is paused and no ticks are left. If ticks are left, a paused simulation
-    /// uses up one tick. False after the end of the run.
+    /// True if the simulation is paused without ticks left, and must wait. A paused simulation with ticks left uses up
+    /// one tick. False after the end of the run.
     pub fn holds(&self) -> bool {
         let mut keys = self.keys();
         if !keys.paused || keys.ended {
@@ -187,7 +187,7 @@ impl Keyboard {
         keys.hand
     }
 
-    /// Notice that the robot stopped because no key was pressed; `None` if it did not.
+    /// Notice that the robot stopped because no key was pressed; `None` if it did not stop for this reason.
     pub fn idle_stop(&self) -> Option<String> {
         let seconds = IDLE_TIMEOUT.as_secs();
         let text =

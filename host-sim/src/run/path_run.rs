@@ -16,12 +16,13 @@ use core_algos::node::lead::Task;
 use core_algos::time::Micros;
 use serde::Serialize;
 
-/// Half the search range for the nearest point about the previous one, m: more than the robot drives in an
-/// epoch, less than the distance between the branches of a crossing.
+/// Half the search range along the path for the nearest point, about the previous nearest point, m: more than the robot
+/// drives in an epoch, less than the loop between two passes of a crossing.
 const WINDOW_M: f64 = 0.1;
 /// Time limit of a run: factor on the expected duration, and additional time, s.
 const LIMIT_FACTOR_AND_EXTRA_S: (f64, f64) = (2.0, 30.0);
-/// Share of the allowed distance from the path that a planned start may use; the rest is left for the placement error.
+/// Share of the allowed distance from the start of the path that a planned start may use; the rest is left for the
+/// placement error.
 const START_SHARE: f64 = 0.8;
 /// Largest allowed length of the path behind the robot at the start, m.
 const MAX_PASSED_M: f64 = 0.2;

@@ -176,7 +176,7 @@ impl Monitor {
         ))
     }
 
-    /// Tick (ms) since which a node has been in fault; `None` if it is not in fault.
+    /// Tick (ms) since which a node has been in fault; `None` if the node is not in fault.
     pub fn fault_since(&self, node: Node) -> Option<u64> {
         let of_node = |status: &&Status| status.node == node;
         let last = self.changes.iter().rev().find(of_node)?;

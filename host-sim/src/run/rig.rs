@@ -140,8 +140,8 @@ impl Rig {
         self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
     }
 
-    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next
-    /// tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
+    /// One tick of the boards with the true state at the beginning of the tick; gives the torques of the motors until
+    /// the next tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
     pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
         let (now, tick) = (self.now(), self.tick as u32);
         self.read(truth);

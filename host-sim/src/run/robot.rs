@@ -242,7 +242,7 @@ pub trait Robot {
     fn is_settled(&self) -> bool;
     /// Free room of the lead node's buffers at the end of an epoch, points.
     fn room(&mut self) -> Room;
-    /// Reason that the robot cannot continue; `None` if it can.
+    /// Reason that the robot cannot continue; `None` if the robot can.
     fn failure(&self) -> Option<String>;
     /// Advances the robot by 1 ms.
     fn step(&mut self) -> Result<(), Error>;

@@ -487,7 +487,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     }
 
     fn must_end(&self, robot: &R) -> bool {
-        // A fault does not end the steps `clear` and `hand`: in both the user can clear faults.
+        // A fault does not end the steps `Clear` and `Hand`, in which faults are cleared.
         match self.step {
             ScriptStep::Clear | ScriptStep::Hand(_) => {
                 robot.is_interrupted() || robot.is_out_of_time()

@@ -140,7 +140,7 @@ impl GivenKeys {
             .filter_map(|key| text(key, taken, runs))
             .collect();
         if !idle.is_empty() {
-            // Keys are known, so they have no control characters.
+            // Known keys have no control characters, so the text may be printed as given.
             let _ = writeln!(
                 io::stderr(),
                 "cfmmr: scenario file: {}",

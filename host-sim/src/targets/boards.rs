@@ -41,7 +41,7 @@ pub enum FailureMode {
     Off,
     /// The board ends; the host finds its link closed.
     Crash,
-    /// The board stops running; the host finds that it does not answer.
+    /// The board stops running and does not answer the host.
     Hang,
 }
 
@@ -163,7 +163,7 @@ impl Boards {
         self.losses.note(tick, what);
     }
 
-    /// Reason that the run must end at `tick`; `None` if it can continue.
+    /// Reason that the run must end at `tick`; `None` if the run can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         self.losses.end(tick)
     }
@@ -201,7 +201,7 @@ impl Boards {
             return Ok(());
         }
         match front.target.command(command) {
-            // The next tick detects and handles the same fault.
+            // Not an error here: the next tick detects and handles the fault.
             Ok(()) | Err(Fault::Restarted | Fault::Silent(_)) => Ok(()),
             Err(Fault::Fatal(error)) => Err(error),
         }

@@ -92,7 +92,7 @@ impl Losses {
         self.restarted
     }
 
-    /// Reason that the run must end at `tick`; `None` if it can continue.
+    /// Reason that the run must end at `tick`; `None` if the run can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         let (why, at) = self.end.as_ref()?;
         (tick >= *at).then_some(why)

@@ -58,7 +58,7 @@ pub fn in_world(key: &str, world: &World) -> Option<&'static str> {
         .map(|(.., reason)| *reason)
 }
 
-/// True if `key` is one of `keys`, or an entry of one of them.
+/// True if `key` is one of `keys`, or an entry of a table or list in `keys`.
 pub fn listed(key: &str, keys: &str) -> bool {
     keys.split_whitespace().any(|other| within(key, other))
 }

@@ -74,7 +74,7 @@ impl Strip {
     }
 
     /// Equilibrium at the end in `start`, by Newton's method from the exact elastica fitted to `curvature`. `None` if
-    /// either does not converge.
+    /// the fit or Newton's method does not converge.
     fn start_of_exact(
         &self,
         start: &Equilibrium,

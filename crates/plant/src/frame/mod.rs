@@ -93,9 +93,9 @@ pub struct Solved {
 }
 
 impl Strip {
-    /// A strip of `length` (m), bending stiffness EI (N m²) and axial stiffness EA (N), all
-    /// positive. `natural_slope` (rad) is the amplitude of a slight waviness of the unloaded strip
-    /// that leaves its ends aligned; it decides which way a perfectly straight strip buckles.
+    /// A strip of `length` (m), bending stiffness EI (N m²) and axial stiffness EA (N), all positive. `natural_slope`
+    /// (rad) is the amplitude of a slight waviness of the unloaded strip that leaves its ends aligned; the waviness
+    /// decides which way a perfectly straight strip buckles.
     pub fn new(length: f64, bending: f64, axial: f64, natural_slope: f64) -> Self {
         let mut natural = Column::ZERO;
         for i in 0..MODES {
@@ -163,7 +163,7 @@ impl Strip {
         TOLERANCE * (1.0 + e.unknowns[MODES].abs() + e.unknowns[MODES + 1].abs())
     }
 
-    /// Newton's method from the coefficients in `e`. `None` if it does not converge.
+    /// Newton's method from the coefficients in `e`. `None` if the method does not converge.
     #[inline(always)]
     fn iterate<V: Lanes>(
         &self,

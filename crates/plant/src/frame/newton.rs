@@ -77,7 +77,7 @@ impl Factor {
         negative: 0,
     };
 
-    /// Solves for one right-hand side.
+    /// Solution of the factored system for the right-hand side `r`.
     #[inline(always)]
     fn solve<V: Lanes>(&self, r: Twelve<V>) -> Twelve<V> {
         let mut r = r.0;
@@ -382,7 +382,7 @@ const DIAGONAL: [[f64; 4]; 6] = {
     table
 };
 
-/// Slope functions at the positive node `k`, even (`g` = 0) or odd ones.
+/// Slope functions at the positive node `k`: even functions if `g` = 0, else odd functions.
 #[inline(always)]
 fn slopes<V: Lanes>(k: usize, g: usize) -> V {
     let s = &SLOPES[k];

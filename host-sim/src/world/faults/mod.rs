@@ -29,7 +29,7 @@ pub enum Rail {
     FullScale,
 }
 
-/// Fault. Axles are numbered from 0 at the front. Gauges are those of the first frame, numbered from 0 at the root.
+/// Fault. Axles are numbered from 0 at the front. Gauges belong to the first frame, numbered from 0 at the root.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: control of the campaign.

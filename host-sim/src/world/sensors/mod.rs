@@ -199,7 +199,7 @@ pub struct Samples {
 /// Samples of an axle's board at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleSamples {
-    /// Encoder counters by wheel; they wrap around.
+    /// Encoder counters by wheel, which wrap around.
     pub encoder_counts: [i32; 2],
     /// Yaw rate, rad/s; none where no gyro is fitted.
     pub gyro: Option<f32>,
