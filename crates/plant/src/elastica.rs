@@ -17,7 +17,7 @@ pub struct Elastica {
     pub axial: f64,
     /// Legendre coefficients c₂ and c₃ of the unloaded curvature times length.
     pub waves: [f64; 2],
-    /// Integration steps along the strip.
+    /// Number of integration steps along the strip.
     pub steps: usize,
 }
 
@@ -29,7 +29,7 @@ pub type Load = [f64; 3];
 pub struct Shot {
     /// Position (m, m) and angle (rad) of the end.
     pub end: [f64; 3],
-    /// ∂end/∂load.
+    /// Derivative of the end with respect to the load.
     pub compliance: [[f64; 3]; 3],
     /// ∫ EI κ' κ'ᵀ + (t' t'ᵀ)/EA over the strip, the primes being derivatives of curvature and
     /// tension with respect to the load.

@@ -42,7 +42,7 @@ impl Clamps {
 pub struct Geometry {
     /// Direction of the rear axle, (cos, sin).
     pub rear: [f64; 2],
-    /// Direction of the front axle.
+    /// Direction of the front axle, (cos, sin).
     pub front: [f64; 2],
     /// Front axle's midpoint in the rear axle's frame, m.
     pub position: [f64; 2],

@@ -108,13 +108,13 @@ fn of_group_mut(axles: &mut [AxleState], group: usize) -> &mut [AxleState] {
     &mut axles[2 * group..end]
 }
 
-/// The first `N` entries.
+/// The first `N` entries of `list`.
 #[inline(always)]
 fn sized<T, const N: usize>(list: &[T]) -> &[T; N] {
     list.first_chunk().expect("as many as the robot has axles")
 }
 
-/// Mutable first `N` entries.
+/// The first `N` entries of `list`, mutable.
 #[inline(always)]
 fn sized_mut<T, const N: usize>(list: &mut [T]) -> &mut [T; N] {
     list.first_chunk_mut()

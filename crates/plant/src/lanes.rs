@@ -9,19 +9,19 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-/// Four `f64`.
+/// Vector of four `f64`.
 pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The same number four times.
+    /// Vector with the number `x` in every lane.
     fn splat(x: f64) -> Self;
-    /// Loads from memory.
+    /// Loads the four lanes from memory.
     fn load(x: &[f64; 4]) -> Self;
-    /// Stores to memory.
+    /// Stores the four lanes to memory.
     fn store(self) -> [f64; 4];
-    /// Square roots.
+    /// Square root of each lane.
     fn sqrt(self) -> Self;
-    /// Magnitudes.
+    /// Magnitude of each lane.
     fn abs(self) -> Self;
     /// True if every lane is at most `bound` (NaN is not).
     fn all_at_most(self, bound: f64) -> bool;
@@ -89,13 +89,13 @@ impl<V: Lanes> Mul<V> for Twelve<V> {
 }
 
 impl<V: Lanes> Twelve<V> {
-    /// Loads from memory.
+    /// Loads the twelve numbers from memory.
     #[inline(always)]
     pub fn load(x: &[[f64; 4]; 3]) -> Self {
         Self([V::load(&x[0]), V::load(&x[1]), V::load(&x[2])])
     }
 
-    /// Stores to memory.
+    /// Stores the twelve numbers to memory.
     #[inline(always)]
     pub fn store(self) -> [[f64; 4]; 3] {
         let [a, b, c] = self.0;

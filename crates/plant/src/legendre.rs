@@ -36,7 +36,7 @@ pub const MODE: [usize; MODES] = [7, 5, 3, 1, 8, 6, 4, 2];
 /// Number of entries of [`MODE`] with an even slope function; as many have an odd slope function.
 pub const EVEN: usize = 4;
 
-/// P_n(ξ) and its derivative.
+/// Legendre polynomial P_n(ξ) and its derivative.
 const fn legendre(n: usize, x: f64) -> (f64, f64) {
     let (mut before, mut p) = (1.0, x);
     if n == 0 {
@@ -52,7 +52,7 @@ const fn legendre(n: usize, x: f64) -> (f64, f64) {
     (p, n as f64 * (x * p - before) / (x * x - 1.0))
 }
 
-/// P_n(ξ).
+/// Legendre polynomial P_n(ξ).
 pub const fn polynomial(n: usize, x: f64) -> f64 {
     legendre(n, x).0
 }
@@ -92,7 +92,7 @@ const fn gauss() -> ([f64; PAIRS], [f64; PAIRS]) {
     (nodes, weights)
 }
 
-/// Positive nodes.
+/// Positive Gauss–Legendre nodes, falling.
 pub const NODES: [f64; PAIRS] = gauss().0;
 /// Weights for an integral over unit length (they sum to ½ over the positive nodes).
 pub const WEIGHTS: [f64; PAIRS] = {

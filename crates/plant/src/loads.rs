@@ -24,9 +24,9 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
 /// Inertia of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Mass, kg.
+    /// Mass of the axle, kg.
     pub mass: f64,
-    /// Yaw inertia, kg m².
+    /// Yaw inertia about the axle's midpoint, kg m².
     pub inertia: f64,
     /// First moment: mass times the position of the centre of mass, forward and to the left, kg m.
     pub moment: [f64; 2],
@@ -103,7 +103,7 @@ impl Body {
         self.momentum(&turned(&times(&self.inverse, load), turn))
     }
 
-    /// Kinetic energy, J.
+    /// Kinetic energy at the velocity `v`, J.
     pub fn energy(&self, v: &Vec3) -> f64 {
         let [x, y] = self.moment;
         0.5 * self.mass * (v[0] * v[0] + v[1] * v[1])

@@ -13,12 +13,12 @@ pub const MAX_AXLES: usize = 5;
 pub struct PerAxle<T>(Vec<T>);
 
 impl<T> PerAxle<T> {
-    /// The entries.
+    /// Entries of the list: one for all axles, or one per axle.
     pub fn entries(&self) -> &[T] {
         &self.0
     }
 
-    /// Mutable entries.
+    /// Mutable entries of the list.
     pub fn entries_mut(&mut self) -> &mut [T] {
         &mut self.0
     }

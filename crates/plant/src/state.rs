@@ -22,7 +22,7 @@ pub struct AxleState {
     pub motor_angle: [f64; 2],
     /// Torques of the motors at the wheels after all limits, N m.
     pub torque: [f64; 2],
-    /// Loads on the wheels, N.
+    /// Loads on the left and the right wheel, N.
     pub load: [f64; 2],
 }
 
@@ -41,9 +41,9 @@ pub struct Wrench {
 /// Counters of the solution of the frames since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
-    /// Substeps taken.
+    /// Number of substeps taken.
     pub steps: u64,
-    /// Factorisations of the frame's equations.
+    /// Number of factorisations of the frames' equations.
     pub factorisations: u64,
     /// Largest number of factorisations for one equilibrium.
     pub most_factorisations: u32,

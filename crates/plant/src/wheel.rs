@@ -69,11 +69,11 @@ pub struct Wheels {
 /// Conditions of the wheels during one part of a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Conditions {
-    /// Load, N.
+    /// Load of each wheel, N.
     pub load: [f64; 4],
-    /// Commanded torque, N m.
+    /// Commanded torque of each wheel's motor, N m.
     pub command: [f64; 4],
-    /// Cogging torque, N m.
+    /// Cogging torque of each wheel's motor, N m.
     pub cogging: [f64; 4],
     /// Displacement by the ground per distance rolled, forward and left.
     pub drift: [[f64; 4]; 2],
@@ -97,9 +97,9 @@ pub struct Contact<V> {
 /// Motion of the wheels' hubs: forward and left velocity that each contact point would have without wheel rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct Hub<V> {
-    /// Forward, m/s.
+    /// Forward velocity, m/s.
     pub forward: V,
-    /// Left, m/s.
+    /// Velocity to the left, m/s.
     pub left: V,
 }
 
@@ -301,7 +301,7 @@ impl Wheels {
 pub struct Eliminated<V> {
     /// h divided by the wheel's effective inertia.
     gain: V,
-    /// Reduced slope, forward-forward, forward-left, left-left.
+    /// Slope of the tyre force, reduced by the elimination: forward-forward, forward-left, left-left.
     slope: [V; 3],
 }
 

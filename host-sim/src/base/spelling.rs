@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Least similarity of a suggested name, 0 to 1.
+/// Least similarity at which a name is suggested, 0 to 1.
 const MIN_SIMILARITY: f64 = 0.75;
 
 /// Longest word that is compared, bytes.
@@ -13,7 +13,7 @@ const LONGEST: usize = 100;
 /// Text of an error after the path of an unknown key.
 pub const UNKNOWN: &str = ": unknown key";
 
-/// Beginning of a suggestion.
+/// Beginning of a suggestion in an error.
 const DID_YOU_MEAN: &str = "did you mean ";
 
 /// Known name most similar to `word`; `None` if no other name is similar enough.

@@ -24,7 +24,7 @@ const RENAMED: [(&str, &str); 3] = [
     ("slip_stiffness", "tyre.brush.slip_stiffness"),
     ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
 ];
-/// Largest number of parts of a key on the command line.
+/// Largest allowed number of parts of a key on the command line, such as 3 in `a.b.c`.
 const DEPTH: usize = 16;
 /// Longest text in which the line of too deep nesting is searched, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
@@ -206,7 +206,7 @@ fn line(text: &str, path: &Path) -> Option<usize> {
     Some(1 + text[..start?].matches('\n').count())
 }
 
-/// Longest line of an error, characters.
+/// Length to which a line of an error is cut, characters.
 const LONGEST_LINE: usize = 400;
 
 /// Input error, with a suggestion for a misspelt key and long lines cut.

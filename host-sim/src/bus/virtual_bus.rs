@@ -38,7 +38,7 @@ table! {
 /// Counters of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BusStatistics {
-    /// Messages sent.
+    /// Number of messages sent.
     pub sent: u64,
     /// Messages lost between boards, counted once for each receiving board; on a cut bus, once for each message.
     pub lost: u64,
@@ -204,7 +204,7 @@ impl VirtualBus {
         self.transit.clear();
     }
 
-    /// Counters since the start.
+    /// Counters of the bus since the start.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
     }

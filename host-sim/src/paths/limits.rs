@@ -167,9 +167,9 @@ pub struct Bounds {
     pub frame_length_m: f64,
     /// Rigid length at each end of the frame, m.
     pub rigid_end_m: f64,
-    /// Largest steering angle |ψ|, rad.
+    /// Largest allowed steering angle |ψ|, rad.
     pub max_steering_rad: f64,
-    /// Largest steering rate |ψ̇|, rad/s.
+    /// Largest allowed steering rate |ψ̇|, rad/s.
     pub max_steering_rate_rad_s: f64,
     /// Least speed to which the robot slows down for steering, m/s.
     pub min_speed_m_s: f64,
@@ -195,7 +195,7 @@ impl Bounds {
         2.0 * s / c / (self.frame_length_m * sinc + 2.0 * self.rigid_end_m * c)
     }
 
-    /// Largest curvature, 1/m.
+    /// Largest curvature that the frame allows, 1/m.
     pub fn max_curvature(&self) -> f64 {
         self.curvature(self.max_steering_rad)
     }

@@ -77,7 +77,7 @@ impl Trace {
         self.frames.iter().map(|(_, frame)| frame)
     }
 
-    /// Number of ticks.
+    /// Number of recorded ticks.
     pub fn ticks(&self) -> usize {
         self.torques.len() / self.topology.axle_count()
     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 /// Time without a key after which a robot driven by hand stops.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Least and largest speed of a simulation, times real time.
+/// Lower and upper limit of a simulation's speed, times real time.
 const RATES: (f64, f64) = (0.125, 16.0);
 /// Key presses from rest to the largest speed, and from straight to the largest curvature.
 const STEPS: f64 = 8.0;

@@ -41,7 +41,7 @@ pub struct Outcome {
     pub max_commanded_curvature: f64,
     /// Length of the midpoint's path, m.
     pub path_m: f64,
-    /// Changes of direction while driving.
+    /// Number of changes of direction while driving.
     pub cusps: u32,
     /// Number of planning phases of the regulator.
     pub plans: u32,

@@ -29,11 +29,11 @@ pub struct Rig {
     topology: Topology,
     /// Inertial sensor drivers of the axle boards.
     inertial: Vec<Inertial>,
-    /// Boards.
+    /// Boards of the robot.
     pub boards: Boards,
     /// Bus between the boards.
     pub bus: VirtualBus,
-    /// Heartbeats of the nodes.
+    /// Monitor of the nodes' heartbeats.
     pub monitor: Monitor,
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
     torque: Vec<[f64; 2]>,
@@ -241,7 +241,7 @@ impl Rig {
         strain
     }
 
-    /// Sensors and bus as text.
+    /// Sensors and bus as text, for comparisons in tests.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
         format!("{:?} {:?}", self.sensors, self.bus)

@@ -25,13 +25,13 @@ const REST_M_S: f32 = 1e-3;
 /// State of the robot at the end of an epoch, for logs and pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
-    /// Time, s.
+    /// Time of the record, s.
     pub time_s: f64,
     /// True posture of the midpoint: m, m, rad; NaN if unknown.
     pub midpoint: [f64; 3],
-    /// Axles, front first.
+    /// States of the axles, front first.
     pub axles: Vec<AxleRecord>,
-    /// Frames, front first.
+    /// States of the frames, front first.
     pub frames: Vec<FrameRecord>,
     /// Latest output of the lead node.
     pub lead: lead::Output,
@@ -246,7 +246,7 @@ pub trait Robot {
     fn failure(&self) -> Option<String>;
     /// Advances the robot by 1 ms.
     fn step(&mut self) -> Result<(), Error>;
-    /// State for logs and pictures.
+    /// State of the robot for logs and pictures.
     fn record(&self) -> Record;
     /// Plant of a simulated robot; `None` for a real robot.
     fn plant(&self) -> Option<&Plant>;
@@ -259,9 +259,9 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
-    /// Heartbeats of the nodes.
+    /// Monitor of the nodes' heartbeats.
     fn monitor(&self) -> &Monitor;
-    /// Mutable heartbeats of the nodes.
+    /// Mutable monitor of the nodes' heartbeats.
     fn monitor_mut(&mut self) -> &mut Monitor;
 
     /// Age of the estimates in a record at the end of an epoch, µs: the lead node fuses the reports of the epoch

@@ -86,7 +86,7 @@ pub enum ScriptStep {
 }
 
 impl ScriptStep {
-    /// Longest duration of the step, s.
+    /// Time limit of the step, s.
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         match self {
             Self::Goto(_) => scenario.mission.time_limit_s,

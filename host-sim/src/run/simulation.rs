@@ -90,7 +90,7 @@ impl Simulation {
         format!("{parts:?} {} {}", self.rig.truth(), self.half_thickness)
     }
 
-    /// The boards.
+    /// Boards of the robot, mutable.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.rig.boards
     }
@@ -125,7 +125,7 @@ impl Simulation {
         self.rig.trace.take()
     }
 
-    /// Plant.
+    /// Plant of the simulated robot.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }

@@ -23,7 +23,7 @@ pub enum Use {
     Path,
     /// Regulation on virtual boards, which simulate the circuits.
     Virtual,
-    /// A path on virtual boards.
+    /// Path following or trajectory tracking on virtual boards.
     VirtualPath,
     /// Calibration of wheels, gauges or gyros.
     Calibrate,

@@ -209,7 +209,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Checks every value.
+    /// Checks every value of the scenario.
     pub fn check(&self) -> Result<(), Error> {
         within("mission", self.mission.check_ranges())?;
         self.robot

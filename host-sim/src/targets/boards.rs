@@ -27,7 +27,7 @@ use core_algos::topology::{Role, Topology, Wheels};
 pub struct Failure {
     /// Board that fails.
     pub role: Role,
-    /// Time, ms from the start of the simulation.
+    /// Time of the failure, ms from the start of the simulation.
     pub at: u32,
     /// Kind of failure.
     pub mode: FailureMode,
@@ -50,7 +50,7 @@ struct Slot {
     target: Box<dyn Target>,
     /// False if the board is not fitted or is off.
     on: bool,
-    /// Time of the restart, ms.
+    /// Time of the planned restart, ms; `None` if no restart is planned.
     restart_at: Option<u32>,
     /// True if the board does not run and holds its outputs.
     held: bool,

@@ -26,7 +26,7 @@ pub enum EventKind {
 /// Event of a board, with its time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
-    /// Time, s.
+    /// Time of the event, s.
     pub time_s: f64,
     /// Name of the board, or `host`.
     pub role: &'static str,
@@ -76,7 +76,7 @@ impl Losses {
         }
     }
 
-    /// Events since the start.
+    /// Events of the boards since the start of the run.
     pub fn events(&self) -> &[Event] {
         &self.events
     }

@@ -46,9 +46,9 @@ pub enum Outgoing<'a> {
 /// Free room of the lead node's buffers, points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Room {
-    /// Room for a path.
+    /// Free room for points of a path.
     pub path: usize,
-    /// Room for a trajectory.
+    /// Free room for points of a trajectory.
     pub trajectory: usize,
 }
 
@@ -130,13 +130,13 @@ impl TargetReport {
 /// Distribution of latencies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Latency {
-    /// Mean, µs.
+    /// Mean latency, µs.
     pub mean_us: f64,
-    /// Median, µs.
+    /// Median latency, µs.
     pub median_us: u32,
-    /// 99th percentile, µs.
+    /// 99th percentile of the latency, µs.
     pub p99_us: u32,
-    /// Maximum, µs.
+    /// Largest latency, µs.
     pub max_us: u32,
 }
 

@@ -12,7 +12,7 @@ use toml::{Table, Value};
 /// Figure of a world: a value with unit and reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Key in the file.
+    /// Key of the figure in a world file.
     pub key: String,
     /// Value of the figure.
     pub value: Value,

@@ -200,7 +200,7 @@ impl World {
         }
     }
 
-    /// Checks every value.
+    /// Checks every value of the world.
     pub fn check(&self) -> Result<(), Error> {
         within("plant", self.plant.build(ROBOT.axle_count()).map(drop))?;
         within("spread", self.spread.check_ranges())?;

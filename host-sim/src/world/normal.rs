@@ -33,7 +33,7 @@ static TABLE: LazyLock<Layers> = LazyLock::new(|| {
     }
 });
 
-/// Density, without its constant.
+/// Normal density at `x`, without its constant factor.
 fn density(x: f64) -> f64 {
     libm::exp(-x * x / 2.0)
 }

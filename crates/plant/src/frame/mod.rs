@@ -40,9 +40,9 @@ const ITERATIONS: u32 = 4;
 /// Allowed error of the force components, as a share of 1 + |Fx| + |Fy| in units of EI/L². The error is estimated from
 /// the last corrections.
 const TOLERANCE: f64 = 1e-6;
-/// Largest slope correction in one step of the plant, rad: a larger correction may lead to another branch.
+/// Largest allowed slope correction in one step of the plant, rad: a larger correction may lead to another branch.
 const LONGEST_JUMP: f64 = 0.05;
-/// Largest slope correction while internal viscosity holds the shape back, rad.
+/// Largest allowed slope correction while internal viscosity holds the shape back, rad.
 const LONGEST_CREEP: f64 = 0.5;
 
 /// Elastic constants and unloaded shape of the strip.
@@ -72,7 +72,7 @@ pub struct Equilibrium {
     /// Power dissipated by a unit internal viscosity, as a quadratic form of the end's rate.
     viscosity: [[f64; 3]; 3],
     factor: Factor,
-    /// ∂²U/∂a₀∂(unknowns).
+    /// Derivatives of ∂U/∂a₀ with respect to the unknowns.
     coupling: Column,
 }
 

@@ -26,7 +26,7 @@ pub struct Frame {
     viscosity: Mat3,
     /// Elastic wrench on the strip's end.
     pub elastic: Vec3,
-    /// Elastic wrench plus damping.
+    /// Elastic wrench plus damping, on the strip's end.
     pub total: Vec3,
 }
 
@@ -85,7 +85,7 @@ impl Frame {
         [x - self.clamps.root_length, y, turn]
     }
 
-    /// Updates wrench and stiffness.
+    /// Updates the frame's wrench and stiffness at these body velocities of the axles.
     #[inline(always)]
     pub fn linearise(&mut self, velocities: &[Vec3; 2]) {
         if self.snapped {

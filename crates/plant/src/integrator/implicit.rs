@@ -1,4 +1,4 @@
-//! Linear equations of a step.
+//! Linear equations that each stage of a step solves.
 
 use super::{Group, pair};
 use crate::geometry::{Geometry, Mat3, Vec3, add, inverse, product, scaled, times};

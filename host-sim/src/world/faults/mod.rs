@@ -83,7 +83,7 @@ pub enum Fault {
     EncoderJumps {
         /// Wheel whose encoder jumps.
         wheel: Wheel,
-        /// Counts of each jump.
+        /// Size of each jump, counts.
         counts: i32,
     },
     /// The encoders of an axle are swapped.
@@ -96,7 +96,7 @@ pub enum Fault {
     GyroBias {
         /// Axle with the biased gyro.
         axle: usize,
-        /// Bias, rad/s.
+        /// Bias of the gyro, rad/s.
         bias_rad_s: f32,
     },
     /// The accelerometer of an axle gives no reading.
@@ -110,7 +110,7 @@ pub enum Fault {
     },
     /// A motor gives a constant torque while its motor bridge is on.
     MotorStuckOn {
-        /// Wheel of the motor.
+        /// Wheel whose motor is stuck on.
         wheel: Wheel,
         /// Torque of the motor at the wheel, N m.
         torque_n_m: f64,

@@ -96,7 +96,7 @@ impl GeometryConfig {
 }
 
 impl SensorConfig {
-    /// Checks every value.
+    /// Checks every value of the sensors.
     pub fn check(&self) -> Result<(), Error> {
         within("sensors.placement", self.placement.check_ranges())?;
         within("sensors.geometry", self.geometry.check_ranges())?;
