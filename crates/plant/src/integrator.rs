@@ -46,7 +46,7 @@ const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 /// The simulated robot.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    /// True if the processor has AVX2, on which the results do not depend.
+    /// True if the processor has AVX2, which changes the speed and not the results.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
     bodies: Vec<Body>,

@@ -227,9 +227,8 @@ impl Strip {
         }
     }
 
-    /// Equilibrium at the end already in `e`, with the internal viscosity of one step, which holds the strip back at
-    /// its previous shape. `None`, with only the linearisation of `e` changed, if the solution does not converge or is
-    /// not stable.
+    /// Equilibrium at the end already in `e`, held back at the previous shape by internal viscosity: `ratio` is τ/h.
+    /// `None`, with only the linearisation of `e` changed, if the solution does not converge or is not stable.
     #[cold]
     #[inline(never)]
     pub fn creep(&self, e: &mut Equilibrium, ratio: f64) -> Option<Solved> {
