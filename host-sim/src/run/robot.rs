@@ -349,7 +349,7 @@ pub trait Robot {
         Ok(())
     }
 
-    /// True steering angle ψ, rad, or NaN: half the angle between the axles.
+    /// True steering angle ψ, rad: half the relative heading of the first frame's axles. NaN without a plant.
     fn steering(&self) -> f64 {
         self.plant()
             .map_or(f64::NAN, |plant| 0.5 * plant.relative_posture(0)[2])
