@@ -29,11 +29,11 @@ pub struct Rig {
     topology: Topology,
     /// Inertial sensor drivers of the axle boards.
     inertial: Vec<Inertial>,
-    /// Boards.
+    /// Boards of the robot.
     pub boards: Boards,
     /// Bus between the boards.
     pub bus: VirtualBus,
-    /// Heartbeats of the nodes.
+    /// Monitor of the nodes' heartbeats.
     pub monitor: Monitor,
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
     torque: Vec<[f64; 2]>,
@@ -119,7 +119,7 @@ impl Rig {
         &self.lead
     }
 
-    /// Injected fault.
+    /// Injector of the fault; `None` without an injected fault.
     pub fn injector(&self) -> Option<&Injector> {
         self.injector.as_ref()
     }
@@ -140,8 +140,8 @@ impl Rig {
         self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
     }
 
-    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next
-    /// tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
+    /// One tick of the boards with the true state at the beginning of the tick; gives the torques of the motors until
+    /// the next tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
     pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
         self.read(truth);
         self.step_boards()
@@ -252,15 +252,15 @@ impl Rig {
         strain
     }
 
-    /// Sensors and bus as text.
+    /// Sensors and bus as text, for comparisons in tests.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
         format!("{:?} {:?}", self.sensors, self.bus)
     }
 }
 
-/// Configuration of a drawn robot's boards: the scenario's configuration with the bridge zeros of the drawn robot at a
-/// straight edge, and the constants of the converter.
+/// Configuration of a drawn robot's boards: the scenario's configuration with the constants of the converter, and with
+/// the bridge zeros of the drawn robot, measured with the frame held against a straight edge.
 pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();

@@ -90,7 +90,7 @@ impl Simulation {
         Self::on(boards, scenario, seed, trial)
     }
 
-    /// Creates the trial with the given targets.
+    /// Creates the trial with the given boards.
     pub fn on(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -127,7 +127,7 @@ impl Simulation {
         format!("{:?} {}", self.drawn, self.rig.truth())
     }
 
-    /// The boards.
+    /// Boards of the robot, mutable.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.rig.boards
     }
@@ -157,12 +157,12 @@ impl Simulation {
         self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
 
-    /// Trace of the boards since [`Self::record_trace`].
+    /// Trace of the boards since [`Self::record_trace`]; `None` if not recorded.
     pub fn take_trace(&mut self) -> Option<Trace> {
         self.rig.trace.take()
     }
 
-    /// Plant.
+    /// Plant of the simulated robot.
     pub fn plant(&self) -> &Plant {
         &self.drawn.plant
     }
@@ -320,7 +320,8 @@ mod tests {
             ticks += 1;
             assert!(ticks < 500, "the task never reached the motors");
         }
-        // The command passes the lead node's epoch and the bus to the axle; the motors follow one tick later.
+        // The command reaches the axle after the lead node's epoch and the latency of the bus; the motors follow one
+        // tick later.
         let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
     }
@@ -344,7 +345,7 @@ mod tests {
     #[test]
     fn motors_switch_off_without_messages() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        // A task needs a robot at rest whose boards have received each other's messages.
+        // Lets the robot settle: a task needs a robot at rest whose boards have received each other's messages.
         for _ in 0..100 {
             simulation.step().unwrap();
         }
@@ -357,7 +358,7 @@ mod tests {
         assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.rig.bus.cut();
-        // 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest, 750 ms to release the frame.
+        // The stop takes 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest and 750 ms to release the frame.
         for _ in 0..1200 {
             simulation.step().unwrap();
         }

@@ -109,7 +109,7 @@ pub struct Scenario {
     pub world: World,
 }
 
-/// Layout of a scenario file: the world's tables stand beside the others.
+/// Layout of a scenario file: the tables of the world are on the top level, as `mission`, `robot` and `boards` are.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {
@@ -211,7 +211,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Checks every value.
+    /// Checks every value of the scenario.
     pub fn check(&self) -> Result<(), Error> {
         within("mission", self.mission.check_ranges())?;
         self.robot.build().map_err(|error| self.placed(&error))?;

@@ -96,7 +96,7 @@ impl GeometryConfig {
 }
 
 impl SensorConfig {
-    /// Checks every value.
+    /// Checks every value of the sensors.
     pub fn check(&self) -> Result<(), Error> {
         within("sensors.placement", self.placement.check_ranges())?;
         within("sensors.geometry", self.geometry.check_ranges())?;
@@ -169,7 +169,7 @@ impl SensorConfig {
 /// Inputs of the sensors from the plant at one instant.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
-    /// Axles, front first.
+    /// Inputs of the axles' sensors, front first.
     pub axles: Vec<AxleTruth>,
     /// Strains of the outer fibre at the true positions of each frame's gauges, positive where the frame bends left.
     /// Front frame first.
@@ -190,7 +190,7 @@ pub struct AxleTruth {
 /// Samples of the boards at one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    /// Axles, front first.
+    /// Samples of the axle boards, front first.
     pub axles: Vec<AxleSamples>,
     /// Converter counts of each frame's bridges, zero at mid-scale; zero where there is no gauge. Front frame first.
     pub frames: Vec<[i32; MAX_GAUGES]>,

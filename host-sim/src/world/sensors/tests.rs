@@ -1,7 +1,7 @@
 use super::bridge::LowPass;
 use super::*;
 
-/// No randomness, no delay, all sensors fitted.
+/// Sensors without randomness and delay, all of them fitted.
 fn clean() -> SensorConfig {
     let mut config = SensorConfig::default();
     config.gyro.fitted = true;
@@ -152,14 +152,15 @@ fn drawn_errors_have_the_configured_spread_and_common_random_numbers() {
     spread(&|d| d.placement[2], 0.0, 2e-3);
     spread(&|d| d.frames[0].bridge_offset[4], 0.0, 200e-6);
     spread(&|d| d.frames[0].gauge_shift_m[2], 0.0, 0.3e-3);
-    // Own and common part together; two bridges share the common part only.
+    // Drift is the sum of the bridge's own and the common part. The common part cancels in the difference of two
+    // bridges.
     spread(&|d| d.frames[0].bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
     spread(
         &|d| d.frames[0].bridge_drift[3] - d.frames[0].bridge_drift[0],
         0.0,
         2f64.sqrt() * 1e-6,
     );
-    // 4.9e-5 rad/s/√Hz averaged over one second, then a minute of 5e-5 rad/s/√s.
+    // Bias: noise of 4.9e-5 rad/s/√Hz averaged over 1 s, then a random walk of 5e-5 rad/s/√s for 60 s.
     let sigma = (4.9e-5f64.powi(2) * 0.5 + 5e-5f64.powi(2) * 60.0).sqrt();
     spread(&|d| d.gyro_bias[0], 0.0, sigma);
 
@@ -364,7 +365,7 @@ fn bias_walks_with_the_square_root_of_time() {
             f64::from(last.unwrap())
         })
         .collect();
-    // 0.01 rad/s/√s over 4 s.
+    // A random walk of 0.01 rad/s/√s has a standard deviation of 0.02 rad/s after 4 s.
     let (mean, sd) = mean_and_sd(&ends);
     assert!(mean.abs() < 0.003, "{mean}");
     assert!((sd / 0.02 - 1.0).abs() < 0.12, "{sd}");
