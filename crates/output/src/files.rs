@@ -254,7 +254,7 @@ fn temporary_in(directory: &Path, name: &str) -> Result<NamedTempFile, OutputErr
     let mut builder = Builder::new();
     let builder = builder.prefix(&prefix).suffix(".partial");
     let file = builder.permissions(everyone).tempfile_in(directory);
-    // Only the kind of the error: the library's text repeats the path.
+    // Reports only the kind of the error, because the library's text repeats the path.
     file.map_err(|error| failed("write into", directory)(error.kind().into()))
 }
 

@@ -17,7 +17,7 @@ const WAITING: usize = 32;
 
 /// Item of a recording.
 pub(super) enum Note {
-    /// Line of the recording.
+    /// Event of the recording.
     Line(Line),
     /// True state at the end of an epoch.
     Epoch(Box<Record>),

@@ -76,7 +76,7 @@ impl Json {
             .map_err(failed)
     }
 
-    /// One channel per board.
+    /// Opens a channel for one topic of each board.
     fn of_boards(
         sink: &Sink,
         topics: &[Topic],
@@ -254,7 +254,7 @@ impl Mcap {
         u64::try_from(micros).unwrap_or_default() * 1000
     }
 
-    /// Writes a line of the recording.
+    /// Writes an event of the recording.
     pub fn note(&mut self, line: &Line) {
         let at = |tick: u32| self.nanos(tick);
         match line {

@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-/// Longest HTTP head of a request, bytes.
+/// Limit of the length of a request's HTTP head, bytes.
 const LONGEST_HEAD: usize = 16 * 1024;
-/// Timeout for the HTTP head.
+/// Timeout for receiving the HTTP head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(5);
 
 /// Listener that passes accepted connections to the server behind it.

@@ -27,7 +27,7 @@ use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::{Cursor, Read, Seek};
 
-/// Longest delay of the lead node's output after the front board's tick in a log, ms.
+/// Limit of the delay of the lead node's output after the front board's tick in a log, ms; a later output is an error.
 pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
 /// Event of a board in a log.
@@ -85,7 +85,7 @@ pub struct RecordedTick {
     pub lead: Option<Box<lead::Output>>,
 }
 
-/// A log without the events of its boards.
+/// Metadata and true states of a log, without the events of its boards.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     /// Metadata of the run.
@@ -96,11 +96,11 @@ pub struct Run {
     pub truth: BTreeMap<u32, TruthEntry>,
     /// Common time of the boards at the start of the run, µs.
     pub zero_us: Option<i64>,
-    /// Largest number of ticks of a board.
+    /// Number of ticks of the board that has the most ticks.
     pub ticks: usize,
 }
 
-/// Robot of the logs of format 3.
+/// Robot in every log of format 3: two axles.
 pub const ROBOT: Topology = Topology::PAIR;
 
 /// Events of each board, in the order of [`Topology::boards`].
@@ -116,7 +116,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Largest number of ticks of a board.
+    /// Number of ticks of the board that has the most ticks.
     pub fn ticks(&self) -> usize {
         self.run.ticks
     }
@@ -229,10 +229,10 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 struct Board {
     /// Time of the latest event, ms.
     last: Option<u32>,
-    /// Frames sent since the latest tick entry, with their ticks, ms.
+    /// True while the board is on. Frames and outputs of a board that is off are ignored.
     on: bool,
     ticks: usize,
-    /// Frames sent at the tick whose entry follows.
+    /// Frames that the board sent since its latest recorded tick, each with its tick, ms.
     sent: Vec<(u32, CanFrame)>,
 }
 
@@ -426,7 +426,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Frames of the nodes at this tick. Frames of other ticks belong to ticks without a reply and are dropped.
+/// Takes the frames that the nodes sent at `tick`, and drops the frames of other ticks: the board did not reply to
+/// those ticks.
 fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
     let of_nodes = |(at, frame): &(u32, CanFrame)| *at == tick && is_of_nodes(frame);
     let frames = sent.drain(..).filter(of_nodes);
