@@ -446,7 +446,7 @@ impl Target for Remote {
     }
 }
 
-/// Output of the lead node, if complete.
+/// Output of the lead node; `None` while parts of the output are missing.
 pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
     let (length, bytes) = telemetry.split_first_chunk()?;
     let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
@@ -495,7 +495,7 @@ impl RequestChannel {
         self.number = self.number.wrapping_add(1);
         self.sent_frame = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
-        // Frame delimiters first, so that an unfinished earlier frame does not spoil the hello.
+        // A hello starts with frame delimiters, so that an unfinished earlier frame does not spoil the hello.
         self.is_hello = matches!(request, Request::Hello { .. });
         let bytes = match self.is_hello {
             true => self.sent_frame.repeated(),
@@ -506,7 +506,8 @@ impl RequestChannel {
         Ok(bytes.len())
     }
 
-    /// A hello starts with frame delimiters, so that an unfinished earlier frame does not spoil the hello.
+    /// Waits for the reply to the latest request and repeats the request as needed. An error if no reply arrives or if
+    /// the link echoes the hello.
     pub(super) fn receive_reply(&mut self) -> Result<Reply<'_>, Fault> {
         self.reply_bytes = 0;
         self.unmatched = Unanswered::to(self.sent_frame.bytes());
@@ -519,7 +520,8 @@ impl RequestChannel {
             }
             let deadline = Instant::now() + REPEAT_AFTER;
             if self.await_reply(deadline)? {
-                // Replies to other requests may equal the request.
+                // Only a hello is checked for an echo, because a correct reply to another request may equal that
+                // request.
                 if self.is_hello && self.unmatched.is_echo() {
                     return Err(Fault::Silent(self.unmatched.to_string()));
                 }
@@ -568,7 +570,7 @@ fn link_fault(error: std::io::Error) -> Fault {
     use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
     match error.kind() {
         UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
-        // A virtual board did what no board may do.
+        // A virtual board reports a finding of its program or a failure of the simulation as `Other`.
         Other => Fault::Fatal(Error::Failure(error.to_string())),
         _ => Fault::Silent(error.to_string()),
     }

@@ -30,11 +30,11 @@ const REPEAT_AFTER_US: Micros = 250_000;
 const REPLY_TIMEOUT_US: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
 const RENEW_INTERVAL_US: Micros = TERM / 8;
-/// Number of outputs of the lead node after an order until the free room that they report is current: two older outputs
-/// may still arrive.
+/// Number of outputs of the lead node to await after an order before the free room in an output is current; two older
+/// outputs may still arrive.
 const FRESH_OUTPUTS: u32 = 3;
 
-/// Subject of a request to the board.
+/// Kind of a request to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     /// Renewal of the lease.
@@ -46,7 +46,7 @@ enum Subject {
 }
 
 impl Subject {
-    /// Name of the subject in error messages.
+    /// Name of the request in error messages.
     fn name(self) -> &'static str {
         match self {
             Self::Lease => "lease",
@@ -106,7 +106,7 @@ pub struct BoardLink {
     /// Outputs since the latest reply to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
-    /// Encoded configuration of the nodes as received so far, and the record that starts with it.
+    /// Configuration of the nodes, encoded, as received so far. Once complete, the configuration starts `record`.
     config: Vec<u8>,
     record: Option<BoardRecord>,
     denied: bool,
@@ -120,7 +120,7 @@ pub struct BoardLink {
     answered: u32,
     lost: u16,
     build: String,
-    /// Random number that identifies this host in its lease; below, number of its latest order.
+    /// Random number that identifies this host in its lease; below, sequence number of the host's latest order.
     owner: u16,
     sequence: Sequence,
     /// Time of the latest order or renewal sent, µs; `Some(None)` before the first is sent, `None` without the lease.
@@ -129,7 +129,7 @@ pub struct BoardLink {
 }
 
 impl BoardLink {
-    /// A link for a host with this number for its lease.
+    /// Creates a link for a host that identifies itself by `owner` in its lease.
     pub fn new(robot: Topology, role: Role, owner: u16) -> Self {
         Self {
             robot,
@@ -273,7 +273,7 @@ impl BoardLink {
         );
     }
 
-    /// Requests the board's identity and watches the board.
+    /// Requests the board's identity, and its reports from then on.
     pub fn watch(&mut self) {
         let hello = Request::Hello {
             protocol: PROTOCOL,
@@ -522,7 +522,8 @@ impl BoardLink {
                         "{name} board: it is in a session of another program, which ends after 60 s of silence"
                     )));
                 }
-                // The board counts requests since its start.
+                // The board counts requests since its start, so a count below that of the answered requests shows a
+                // restart.
                 if counters.received < self.answered {
                     return Err(restarted(name));
                 }

@@ -23,8 +23,9 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 const AXLE_IMAGE: &str = "CFMMR_AXLE_IMAGE";
 const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
 
-/// Duration of a build after which it is reported; below, polling interval.
+/// Duration of a build, after which the program reports that a build is running.
 const LONG_BUILD: Duration = Duration::from_secs(3);
+/// Polling interval while a build is running.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Cargo profile of the images.
@@ -48,7 +49,7 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     // A relative folder is relative to the working directory of cargo.
     let target = workspace.join(target);
     let lock = target.join("images.lock");
-    // The folder of builds is missing if the program was built into another folder.
+    // Cargo has not created the target folder yet if this program was built into another folder.
     let held = fs::create_dir_all(&target)
         .and_then(|()| File::create(&lock))
         .and_then(|file| file.lock().map(|()| file));

@@ -29,18 +29,19 @@ use std::time::{Duration, Instant};
 
 /// Time without a report from the board after which its port is opened again, µs.
 const REOPEN_AFTER_US: Micros = 1_000_000;
-/// Time between attempts to open the port, µs; below, time without a report after which the run ends, µs.
+/// Time between attempts to open the port, µs.
 const REOPEN_INTERVAL_US: Micros = 100_000;
+/// Time without a report from the board after which the run ends, µs.
 const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
 const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
 /// Time after which the lease of an earlier program has lapsed.
 const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
-/// Longest time for a reporting board to fulfil a request, ms.
+/// Timeout of a request to a board that sends reports, ms.
 const WAIT_MS: u64 = 11_000;
 
-/// Longest time for recorded boards to restart their nodes, ms.
+/// Timeout for the boards to restart their nodes and to start their records, ms.
 const RECORD_MS: u64 = 5000;
 
 /// Opens the port of the front board.
@@ -109,8 +110,9 @@ pub struct SerialRobot {
     /// Common time of the boards at the start of the run, µs; None until known.
     zero: Option<i64>,
     began: Instant,
-    /// Ticks since the program opened the port; below, tick at which the run started.
+    /// Number of ticks since the program opened the port.
     tick: u64,
+    /// Tick at which the run started, counted as `tick`.
     start: u64,
     /// Times of the latest report and of the latest opening of the port, µs.
     last_report: Micros,
@@ -369,7 +371,7 @@ impl SerialRobot {
             return Ok(());
         }
         self.opened = now;
-        // The last action holds the former port.
+        // The last action would send its frames to the closed port.
         interrupt::clear_last_action();
         if let Ok(port) = (self.connect)() {
             self.port = Some(port);
@@ -495,8 +497,8 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        // The notice also follows a speed command that is not renewed, so it counts only for tasks that end by
-        // themselves.
+        // The node also gives notice `CommanderSilent` if a speed command is not renewed, so the notice counts only for
+        // tasks that end by themselves.
         let ends_itself = matches!(
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
@@ -546,7 +548,7 @@ impl Robot for SerialRobot {
             return Ok(());
         }
         self.closed = true;
-        // The other boards take no part in the stop.
+        // The host stops the robot over the front board's port only.
         self.others.clear();
         let stopped = self.bring_to_rest().and_then(|()| {
             self.link.release();

@@ -22,8 +22,9 @@ use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::finding::FindingKind;
 
-/// Pins: strap of the rear board, nSLEEP of the motor drivers.
+/// Pin of the strap that marks the rear board.
 const STRAP: Pin = Pin::new('C', 13);
+/// Pin that wakes the motor drivers (nSLEEP).
 const NSLEEP: Pin = Pin::new('C', 4);
 /// Time that the board runs between two checks of its output, ns.
 const SLICE_NS: u64 = 200_000;
@@ -38,7 +39,7 @@ struct Port {
     rear: bool,
     strap_set: bool,
     line: SerialLine,
-    /// True if the motor drivers were woken.
+    /// True if the board has woken the motor drivers.
     woken: bool,
 }
 

@@ -42,7 +42,7 @@ pub struct BridgeParts {
     pub drift: f64,
     /// Zero shift of the bridge per kelvin, strain.
     pub zero_per_k: f64,
-    /// Deviation of the creep share from its mean.
+    /// Creep of the gauges minus its mean, as a share of the strain.
     pub creep_error: f64,
 }
 
@@ -60,7 +60,7 @@ impl BridgeParts {
     }
 }
 
-/// A bridge with drift and ageing.
+/// Strain bridge whose zero drifts and whose gauges age.
 #[derive(Clone)]
 struct Drifting {
     bridge: Bridge,
@@ -83,7 +83,7 @@ pub struct BeamBoard {
     countdown: u32,
 }
 
-/// Device model of a bridge of the world's sensors.
+/// Configuration of the simulated bridge device from the world's bridge parameters and the bridge's errors.
 fn device(config: &BridgeConfig, parts: &BridgeParts) -> DeviceConfig {
     let factor = config.gauge_factor * f64::from(config.active_gauges) / 4.0;
     DeviceConfig {

@@ -21,7 +21,7 @@ impl VirtualRobot {
                 .map(|role| BoardLink::new(self.topology, *role, 0))
                 .collect();
         }
-        // The lead node's place is set after the axle nodes have restarted.
+        // The front board is last, because the lead node's posture is set after the axle nodes have restarted.
         for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {
             self.open_link(role);
             while record && !self.has_begun(role) {

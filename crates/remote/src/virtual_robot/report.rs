@@ -107,7 +107,7 @@ pub struct BoardReport {
     pub stack_size: Option<u32>,
     /// Largest stack use until the board was ready, bytes; `None` if the image has no symbols of the stack.
     pub boot_stack: Option<u32>,
-    /// First digits of the hash of the image's sources, as the board sends them; `None` before.
+    /// First digits of the hash of the image's sources, as sent by the board; `None` if the board has not sent them.
     pub build: Option<String>,
     /// Number of instructions executed.
     pub instructions: u64,

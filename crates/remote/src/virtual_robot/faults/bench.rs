@@ -1,4 +1,4 @@
-//! Robot under test, with access to its boards, sensors, motors and bus for the acts of a fault.
+//! Robot under test. A fault acts on its boards, sensors, motors and bus through this module.
 
 use super::Campaign;
 use crate::board_log::BoardLog;
@@ -101,7 +101,7 @@ impl FaultBench {
         role
     }
 
-    /// Performs `act` on a board, which becomes the affected board unless there is one.
+    /// Performs `act` on a board. The board becomes the affected board if no board is affected yet.
     pub fn board(&mut self, role: Role, act: impl FnOnce(&mut Board)) {
         self.affected.get_or_insert(role);
         if let Some(place) = self.robot.place(role)

@@ -27,18 +27,18 @@ use virtual_board::wire::{Frame, Id};
 type TrialResult = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;
-/// Address range of the store in the flash.
+/// Address range of the stored parameters in the flash.
 const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
-/// Longest time from power-on to a board's first status message, ms.
+/// Limit of the time from power-on to a board's first status message, ms.
 const STARTED_MS: u64 = 1_000;
-/// Longest time of a calibration and its save, ms.
+/// Limit of the time of a calibration and its save, ms.
 const SAVED_MS: u64 = 6_000;
 
 const fn ms(count: u64) -> Time {
     Time::from_micros(1_000 * count)
 }
 
-/// A bench whose boards are off, with a bus node that acknowledges.
+/// Robot under test with its boards off, and with an additional bus node that acknowledges frames.
 fn acknowledging_bench(campaign: &Campaign, seed: u64) -> Result<FaultBench, Error> {
     let mut bench = FaultBench::new(campaign, Options::default(), seed)?;
     bench.intruder(|_, _| {});
@@ -80,7 +80,7 @@ impl FaultBench {
         }
     }
 
-    /// Sends a message from the bus node that is no board.
+    /// Sends a message from the additional bus node.
     fn send(&mut self, at: Time, message: &Message) {
         let Ok(frame) = bus::encode(message) else {
             return;

@@ -28,7 +28,7 @@ pub(super) struct Tools {
     recovery: Recovery,
     /// True if the front board has restarted and lost the robot's place.
     lost_place: bool,
-    /// Frames of each board on the bus, and its failed transmissions.
+    /// Number of frames and of failed transmissions of each board on the bus.
     traffic: Vec<Traffic>,
 }
 
