@@ -19,7 +19,7 @@ struct Entry {
     file: String,
     rule: Rule,
     before: String,
-    /// Text after the change; `None` matches any text.
+    /// Text of the file after the change; `None` matches any text.
     after: Option<String>,
     reason: String,
 }

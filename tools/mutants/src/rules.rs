@@ -216,7 +216,7 @@ impl Finder<'_> {
         let mut starts = vec![comma + 1];
         starts.extend(bars.iter().map(|bar| bar + 1));
         for (k, start) in starts.iter().enumerate() {
-            // The guard applies to all patterns.
+            // The last pattern stays if a guard follows, because the guard applies to all patterns.
             let (from, to) = match bars.get(k) {
                 Some(bar) => (*start, bar + 1),
                 None if self.text[*start..whole.end].contains(" if ") => continue,

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Code of the switch; evaluation at compile time is never changed.
+/// Code of the switch that selects a change at run time. Code that the compiler evaluates is never changed.
 const SWITCH: &str = r#"
 #[cfg(test)]
 pub(crate) mod mutant {
