@@ -1,5 +1,6 @@
-//! Link to one board of a driving robot, over its serial port. It carries bus frames and the record, at the front board
-//! also orders and the lead node's output. A host commands the robot while it holds the lease
+//! Link to one board of a driving robot, over its serial port. The link carries bus frames and the record: inputs and
+//! outputs of each tick of the board's nodes. At the front board the link also carries orders, the numbered commands
+//! of the host, and the lead node's output. A host commands the robot while the host holds the lease
 //! ([`core_algos::link::lease`]).
 //!
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
@@ -103,7 +104,7 @@ pub struct BoardLink {
     waiting: VecDeque<Pending>,
     parts: Vec<u8>,
     latest: Option<Telemetry>,
-    /// Outputs since the latest reply to an order.
+    /// Number of outputs of the lead node since the latest reply to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
     /// Configuration of the nodes, encoded, as received so far. Once complete, the configuration starts `record`.
@@ -410,12 +411,12 @@ impl BoardLink {
         self.reports
     }
 
-    /// Bus frames and events lost because the board had no room.
+    /// Number of bus frames and events that the board dropped for lack of room.
     pub fn lost(&self) -> u16 {
         self.lost
     }
 
-    /// Damaged frames at the port.
+    /// Number of damaged frames received at the port.
     pub fn damaged(&self) -> u32 {
         self.decoder.counters().damaged
     }

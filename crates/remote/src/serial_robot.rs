@@ -130,8 +130,8 @@ pub struct SerialRobot {
 }
 
 impl SerialRobot {
-    /// Opens a robot at rest, at `place` or at its own estimate, and waits for the first output of its lead node. If
-    /// the robot is recorded, its nodes restart.
+    /// Opens a robot at rest and waits for the first output of its lead node. The robot's posture is set to `place`, or
+    /// remains its own estimate if `None`. If the robot is recorded, its nodes restart.
     pub fn open(
         topology: Topology,
         mut connect: Connect,
@@ -189,7 +189,7 @@ impl SerialRobot {
         });
     }
 
-    /// Requests reports and sets the robot's place, if given; waits for both.
+    /// Requests reports and sets the robot's posture to `place`, if given; waits until both are done.
     fn await_lead(&mut self, place: Option<Placement>) -> Result<(), Error> {
         match place {
             Some(place) => {
@@ -223,7 +223,7 @@ impl SerialRobot {
         Ok(())
     }
 
-    /// Restarts the nodes, at `place` or at the robot's estimate, and waits until all boards are recorded.
+    /// Restarts the nodes with the posture `place` or the robot's estimate, and waits until all boards are recorded.
     fn begin_record(
         &mut self,
         place: Option<Placement>,
@@ -251,7 +251,7 @@ impl SerialRobot {
             other.link.open();
             other.link.record();
         }
-        // The lead node's place is set after the axle nodes have restarted.
+        // The lead node's posture is set after the axle nodes have restarted.
         self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
@@ -287,7 +287,7 @@ impl SerialRobot {
         Ok(())
     }
 
-    /// True if no node of a board is starting.
+    /// True if no node of any board is starting.
     fn is_ready(&self) -> bool {
         let ready = |node| {
             let latest = self.monitor.latest(node);
@@ -339,7 +339,7 @@ impl SerialRobot {
         self.link.build()
     }
 
-    /// Bus frames and events lost because the front board had no room.
+    /// Number of bus frames and events that the front board dropped for lack of room.
     pub fn lost(&self) -> u16 {
         self.link.lost()
     }
@@ -541,9 +541,9 @@ impl Robot for SerialRobot {
         None
     }
 
-    /// Stops the robot and ends the lease; once.
+    /// Stops the robot and ends the lease; a second call does nothing.
     fn stop(&mut self) -> Result<(), Error> {
-        // A board with another protocol would reject the requests.
+        // A board whose build is unknown may use another protocol and would reject the requests.
         if self.closed || self.link.build().is_empty() {
             return Ok(());
         }

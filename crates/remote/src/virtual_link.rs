@@ -30,7 +30,7 @@ const NSLEEP: Pin = Pin::new('C', 4);
 const SLICE_NS: u64 = 200_000;
 /// Timeout of a request, ns.
 const REQUEST_TIMEOUT_NS: u64 = 250_000_000;
-/// Offset of the store in the flash.
+/// Offset of the parameter store in the flash, bytes.
 const STORE: usize = 16 << 10;
 
 /// Circuit of the board: a serial adapter and, on a rear board, the strap.
@@ -133,7 +133,7 @@ impl ThreadedBoard {
         port.ok_or_else(|| io::Error::other("the board has no port"))
     }
 
-    /// Writes the store to its file if the store has changed.
+    /// Writes the parameter store to its file if the store has changed.
     fn save_store(&mut self) -> io::Result<()> {
         let Some(file) = &self.file else {
             return Ok(());
@@ -153,14 +153,15 @@ pub struct VirtualLink {
     on: bool,
     commands: Option<Sender<ThreadCommand>>,
     replies: Receiver<io::Result<Vec<u8>>>,
-    /// Exchanges whose reply was not yet read.
+    /// Number of exchanges whose reply was not yet read.
     waiting: usize,
     rest: VecDeque<u8>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl VirtualLink {
-    /// Switches a board on. Its log goes to `log`; its store is in the file `flash`, or in memory without one.
+    /// Switches a board on. Its log goes to `log`. Its parameter store is in the file `flash`, or in memory if `flash`
+    /// is `None`.
     pub fn start(
         images: &Images,
         role: Role,

@@ -54,7 +54,7 @@ fn rule(name: &str) -> Result<Rule, String> {
 /// Tested change.
 #[derive(Clone, Debug, serde::Serialize)]
 struct Mutant {
-    /// Number of the switch.
+    /// Number that selects the change in the test program; 0 selects none.
     number: usize,
     file: String,
     line: usize,

@@ -48,11 +48,11 @@ pub enum Form {
 pub struct Site {
     /// Rule of the change.
     pub rule: Rule,
-    /// Bytes of the expression or statement.
+    /// Byte range of the expression or statement in the file.
     pub bytes: Range<usize>,
     /// Form of the change.
     pub form: Form,
-    /// Line, from 1.
+    /// Line number in the file, from 1.
     pub line: usize,
 }
 
@@ -325,7 +325,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Visits the parts of a written or borrowed place, which itself cannot change.
+    /// Visits the parts of an expression that is written or borrowed. The expression itself cannot change.
     fn place(&mut self, expr: &Expr) {
         match expr {
             Expr::Field(field) => self.place(&field.base),

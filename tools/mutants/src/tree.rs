@@ -235,7 +235,7 @@ fn failing_changes(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTr
 /// Text with each change behind its switch, and the byte range of each change.
 fn with_switches(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     let mut order: Vec<&Mutant> = mutants.iter().collect();
-    // A change that contains others precedes them.
+    // A change that contains other changes comes first, because `insert` expects this order.
     order.sort_by_key(|mutant| (mutant.site.bytes.start, usize::MAX - mutant.site.bytes.end));
     let mut parts = Vec::new();
     let mut to = String::new();

@@ -157,8 +157,8 @@ impl BeamBoard {
         }
     }
 
-    /// Sets the true strains at `at`, which continue with their latest slope; call it once per millisecond. On
-    /// return, `strains` includes creep, thermal effects and drift of the gauges.
+    /// Sets the true strains at `at`. Call this function once per millisecond; between two calls each strain continues
+    /// with its latest slope. On return, `strains` includes creep, thermal effects and drift of the gauges.
     pub fn strain(&mut self, at: Time, strains: &mut [f64]) {
         self.countdown -= 1;
         let step = self.countdown == 0;

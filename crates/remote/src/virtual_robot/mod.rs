@@ -107,7 +107,7 @@ pub struct VirtualRobot {
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
-    /// Placement of the robot that the lead node is configured with.
+    /// Start posture of the robot, with its uncertainty, as set in the lead node.
     place: Placement,
     /// Latest output of the lead node received over the link.
     lead: lead::Output,

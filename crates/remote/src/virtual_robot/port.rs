@@ -12,7 +12,8 @@ use host_sim::targets::HostCommand;
 use virtual_board::network::Network;
 
 impl VirtualRobot {
-    /// Watches the front board or records all boards, and sets the robot's placement in the lead node.
+    /// Requests the reports of the front board, or records all boards if `record`, and sets the robot's posture in the
+    /// lead node.
     pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
         self.recorded = record;
         if record {

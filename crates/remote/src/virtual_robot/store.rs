@@ -16,7 +16,7 @@ const SECTORS: usize = 3;
 /// Offset of the first sector in the flash.
 pub const FIRST: usize = SECTOR;
 
-/// Bytes of the sectors of a board's parameters in a scenario.
+/// Contents of the flash sectors that hold a board's parameters in a scenario.
 pub fn sectors(
     scenario: &Scenario,
     role: Role,

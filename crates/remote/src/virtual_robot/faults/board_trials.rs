@@ -90,7 +90,7 @@ impl FaultBench {
         self.intruder(|node, _| node.send(at, frame));
     }
 
-    /// Contents of the store in a board's flash.
+    /// Contents of the parameter store in a board's flash.
     fn read_store(&mut self, role: Role) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
@@ -123,7 +123,7 @@ impl FaultBench {
     }
 }
 
-/// Settings and report that a board derives from its store.
+/// Settings that a board reads from these bytes of its parameter store, and its report on the store.
 fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
@@ -136,7 +136,7 @@ fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     run(store.load()).resolve(&base, check)
 }
 
-/// Rail failures at random instants of a start, after one undisturbed start.
+/// Tests power failures at random instants of a start, after one undisturbed start.
 pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 10 } else { 100 };
     let mut bench = acknowledging_bench(campaign, seed)?;

@@ -134,7 +134,7 @@ pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// Observer of a run with a fault, and its state.
+/// Observer that checks each tick of a run with a fault.
 struct FaultObserver {
     goal: Posture,
     /// Time of the fault, µs.

@@ -1,4 +1,4 @@
-//! Boot orders, and faults present at power-on.
+//! Orders in which the boards start, and faults present at power-on.
 
 use super::bench::FaultBench;
 use super::entry::{AXLES, BEAM, Entry, at, entries};
