@@ -78,7 +78,7 @@ impl<T: Logged> Logged for Option<T> {
     }
 }
 
-/// Declares the kind of each type and its cells in a table.
+/// Declares for Rust types their kind in a schema and their cells in a table.
 macro_rules! kinds {
     ($($kind:expr => $type:ty, $value:ident: $cells:expr;)*) => {$(
         impl $crate::schema::Logged for $type {

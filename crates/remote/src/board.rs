@@ -30,7 +30,7 @@ const REPEAT_AFTER: Duration = Duration::from_millis(250);
 const ATTEMPTS: u32 = 40;
 /// Attempts where a user waits: 1.5 s in total.
 const INTERACTIVE_ATTEMPTS: u32 = 6;
-/// Number of late replies to earlier requests that are skipped.
+/// Limit of the number of late replies to earlier requests that are skipped after a hello.
 const MAX_STALE_REPLIES: u32 = 4;
 /// Ticks per epoch, and the tick of an epoch in which the lead node runs.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
@@ -541,7 +541,7 @@ impl RequestChannel {
         )))
     }
 
-    /// Waits for the reply; false if the deadline passed.
+    /// Waits for the reply until `deadline`; false if no reply arrives.
     fn await_reply(&mut self, deadline: Instant) -> Result<bool, Fault> {
         let mut buffer = [0; 2 * MAX_FRAME];
         loop {

@@ -266,7 +266,7 @@ impl Drop for VirtualLink {
     fn drop(&mut self) {
         self.commands = None;
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread is ignored.
+            // A panic of the thread is ignored, because `drop` cannot return an error.
             let _ = thread.join();
         }
     }

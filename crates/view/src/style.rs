@@ -188,7 +188,7 @@ pub const BAND: Appearance = appearance(
 /// Appearance of values that the paper prints for its robot.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Appearances of all kinds.
+/// Appearance of each kind of object.
 pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];

@@ -207,7 +207,7 @@ fn main() -> Result<ExitCode> {
     Ok(report(&arguments, &equivalent, &outcomes))
 }
 
-/// Counts of a folder or file.
+/// Number of changes of a folder or file, by outcome of the tests.
 #[derive(Clone, Copy, Default)]
 struct Count {
     noticed: usize,

@@ -101,7 +101,7 @@ impl Json {
     }
 }
 
-/// Channel of one of Foxglove's messages.
+/// Channel for messages of one of Foxglove's schemas.
 fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
     ChannelBuilder::new(topic).context(sink.context()).build()
 }

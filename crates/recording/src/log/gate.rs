@@ -72,7 +72,7 @@ pub fn hidden_address() -> Ipv4Addr {
     Ipv4Addr::new(127, a.max(1), b, c.clamp(1, 254))
 }
 
-/// Passes a connection on or rejects it.
+/// Passes a connection on to the server, or rejects the connection because of its origin.
 fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::Result<()> {
     outside.set_nodelay(true)?;
     outside.set_read_timeout(Some(HEAD_WITHIN))?;

@@ -65,7 +65,7 @@ fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), Strin
     }
 }
 
-/// Replaces `content` by the next bytes of a file; false if the file has fewer.
+/// Replaces `content` by the next `length` bytes of a file; false if the file ends earlier.
 fn fill(content: &mut Vec<u8>, file: impl Read, length: u64) -> io::Result<bool> {
     content.clear();
     file.take(length).read_to_end(content)?;

@@ -132,8 +132,8 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
 
 /// Reads a log and passes the events of each board to `to`, in order; `name` identifies the log in errors.
 ///
-/// The checksums are checked before the first event. The messages are checked during reading: after an error the log
-/// is damaged, and the earlier events are invalid.
+/// The checksums are checked before the first event, the messages during reading. An error therefore also means that
+/// the events passed so far are invalid.
 pub fn stream(
     mut file: impl Read + Seek,
     name: &str,
@@ -263,7 +263,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Board and kind of a board's topic.
+    /// Board of a topic and kind of its messages; `None` if the topic belongs to no board.
     fn board_of<'t>(&self, topic: &'t str) -> Option<(Role, &'t str)> {
         let (name, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
         let role = self

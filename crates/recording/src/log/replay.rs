@@ -117,7 +117,7 @@ impl ReplayedBoard {
         result.map_err(|fault| self.failed(tick, fault))
     }
 
-    /// Replays a tick, with these frames arriving before it.
+    /// Replays a tick. The frames `received` arrive before the tick.
     fn step(&mut self, step: &RecordedTick, received: &[CanFrame]) -> Result<TickResult, Error> {
         let failed = |replayed_board: &Self, fault| replayed_board.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
@@ -145,7 +145,7 @@ impl ReplayedBoard {
         })
     }
 
-    /// First difference from the recorded tick.
+    /// First difference between the recorded and the replayed tick; `None` without a difference.
     fn divergence(&self, step: &RecordedTick, done: &TickResult) -> Option<Divergence> {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {

@@ -58,7 +58,7 @@ pub struct AxleMotion {
     pub inertial: Motion,
 }
 
-/// Parts that differ from axle to axle.
+/// Properties of an axle board's parts that differ between axles.
 #[derive(Clone, Debug)]
 pub struct AxleParts {
     /// True if the strap marks the rear axle.
@@ -76,7 +76,7 @@ pub struct AxleParts {
 }
 
 impl AxleParts {
-    /// Parts of an axle of a scenario, as drawn for the trial.
+    /// Properties of an axle's parts in a scenario, as drawn for the trial.
     pub fn of(scenario: &Scenario, drawn: &Drawn, axle: AxleId, seed: u64) -> Self {
         let k = axle.index();
         let (gyro, accelerometer) = (

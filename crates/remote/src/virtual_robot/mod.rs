@@ -124,7 +124,7 @@ pub struct VirtualRobot {
     /// Reason why the run must end, a lost or restarted board; `None` while the run may continue.
     failure: Option<String>,
     tools: Tools,
-    /// Blocked wheel (axle, side: 0 is left); `None` if all turn freely.
+    /// Blocked wheel (axle, side: 0 is left); `None` if all wheels turn freely.
     blocked: Option<(usize, usize)>,
 }
 

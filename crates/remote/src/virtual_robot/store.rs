@@ -13,7 +13,7 @@ use host_sim::world::drawn::{Drawn, FrameErrors};
 /// Size of a flash sector, bytes. The store has sectors 1 to 3.
 const SECTOR: usize = 16 << 10;
 const SECTORS: usize = 3;
-/// Offset of the first sector in the flash.
+/// Offset of the store's first sector in the flash, bytes.
 pub const FIRST: usize = SECTOR;
 
 /// Contents of the flash sectors that hold a board's parameters in a scenario.

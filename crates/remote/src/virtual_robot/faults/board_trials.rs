@@ -169,7 +169,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
     Ok(Ok(cases))
 }
 
-/// A beam board that has been asked to calibrate its zeros and will save them, and the time of the request.
+/// Robot whose beam board was asked to calibrate its zeros and will save them, and the time of the request.
 fn calibrating(
     campaign: &Campaign,
     seed: u64,
@@ -190,8 +190,8 @@ fn calibrating(
     Ok((bench, requested_at))
 }
 
-/// Power cuts during the flash operations of a save; `wanted` gives the instants in each operation as fractions of
-/// its duration.
+/// Tests power cuts during the flash operations of a save. `wanted` gives the instants in each operation as fractions
+/// of the operation's duration.
 fn cuts(
     campaign: &Campaign,
     seed: u64,
@@ -225,7 +225,7 @@ fn cuts(
     })
 }
 
-/// A power cut at `at`: afterwards each value must be the old or the new value.
+/// Tests a power cut at `at`: afterwards each stored value must be the old or the new value.
 fn cut(
     campaign: &Campaign,
     seed: u64,
@@ -268,7 +268,7 @@ fn cut(
     })
 }
 
-/// Power cuts during the written words of a save.
+/// Tests power cuts while a save writes words to the flash.
 pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> TrialResult {
     let every = if campaign.quick { 16 } else { 1 };
     cuts(campaign, seed, None, |k, operation| {
@@ -280,7 +280,7 @@ pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> TrialResult {
     })
 }
 
-/// Power cuts during the erase of a save into a full store.
+/// Tests power cuts while a save into a full store erases a sector.
 pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> TrialResult {
     let full = full_store(campaign, seed)?;
     let shares: &[f64] = match campaign.quick {
@@ -326,8 +326,8 @@ fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     Err(Error::Failure("store: never full".to_owned()))
 }
 
-/// Starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a notice,
-/// and nothing may be written.
+/// Tests starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a
+/// notice, and nothing may be written.
 pub fn flipped_bits(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 4 } else { 40 };
     let mut random = generator(seed, 0, Stream::Other(0x301));

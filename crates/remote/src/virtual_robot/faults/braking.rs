@@ -15,7 +15,7 @@ const CHOCK_MS: u64 = 150;
 const OBSERVATION_MS: u64 = 3_000;
 /// Speed that the robot must have reached before the stop, m/s.
 const DRIVEN_M_S: f64 = 0.1;
-/// Speed of a robot at rest, m/s; from this speed it moves 2 mm further.
+/// Speed below which the robot counts as at rest, m/s; from this speed the robot rolls 2 mm further.
 const REST_M_S: f64 = 1e-2;
 /// Limit of the time from the stop to rest on the level, ms.
 const REST_WITHIN_MS: u64 = 500;

@@ -96,9 +96,9 @@ pub struct Entry {
     pub findings: &'static [&'static str],
     /// Time without current after which a motor counts as off, ms.
     pub rest_ms: u64,
-    /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
+    /// Frequency errors of the listed boards' crystals, parts in 10⁹; the other boards get random errors.
     pub fast_ppb: Vec<(Role, i64)>,
-    /// Power-on delay of boards, ms; 0 for the other boards.
+    /// Power-on delays of the listed boards, ms; the other boards have no delay.
     pub late_ms: Vec<(Role, u64)>,
     /// Changes a chip after the random draw.
     pub vary: fn(Role, &mut ChipVariation),

@@ -83,7 +83,7 @@ struct MotorObservation {
     from: Time,
     /// For each axle, last time at which one of its motors carried current.
     last: Vec<Time>,
-    /// True if a motor carried current at the end.
+    /// True if a motor carried current at the end of the run.
     driven: bool,
 }
 
