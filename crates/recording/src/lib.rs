@@ -114,7 +114,7 @@ pub struct About<'a> {
     pub scenario: &'a Scenario,
 }
 
-/// Failure of writing a log.
+/// Error for a log that could not be written.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Notes per batch; each batch wakes the writer thread.
+/// Number of items of a recording per batch; each batch wakes the writer thread.
 const BATCH: usize = 256;
 /// Number of batches that the queue holds.
 const WAITING: usize = 32;

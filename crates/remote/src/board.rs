@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 
 /// Time after which a request is repeated; much longer than any reply takes.
 const REPEAT_AFTER: Duration = Duration::from_millis(250);
-/// Times a request is sent before the board counts as lost.
+/// Number of times that a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
 /// Attempts where a user waits: 1.5 s in total.
 const INTERACTIVE_ATTEMPTS: u32 = 6;
@@ -466,7 +466,7 @@ pub(super) struct RequestChannel {
     reply_bytes: u64,
     /// Bytes received since the latest request.
     unmatched: Unanswered,
-    /// Times a request is sent before the board counts as lost.
+    /// Number of times that a request is sent before the board counts as lost.
     attempts: u32,
     /// True if the latest request is a hello.
     is_hello: bool,

@@ -292,7 +292,7 @@ impl BoardLink {
             (pending.sent, pending.since) = (None, None);
         }
         if self.lease_renewed.is_some() && self.waiting.is_empty() {
-            // This request renews the lease before it lapses.
+            // No order is waiting, so a request of its own renews the lease before the lease lapses.
             let stamp = self.stamp();
             self.queue_request(Subject::Lease, &Request::Keep(stamp));
         }

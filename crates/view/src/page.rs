@@ -303,7 +303,7 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
         },
         "runs": runs.iter().map(Run::json).collect::<Vec<_>>(),
     });
-    // Escape tags, so that the data cannot end the element that contains them.
+    // Tags are escaped, so that the data cannot end the HTML element that contains them.
     let data = data
         .to_string()
         .replace("</", "<\\/")

@@ -1,4 +1,4 @@
-//! Image with one tick of a board and of its periphery.
+//! Firmware image that contains one tick of a board and of its periphery.
 
 use core::hint::black_box;
 use core_algos::acquisition::analog::{Supply, Thermistor};

@@ -1,4 +1,4 @@
-//! Emergency stops on the level and on a slope: braking distance, and the drivers' state until the robot is at rest.
+//! Emergency stops on the level and on a slope: time to rest, speed of creep on the slope, and the drivers' state.
 
 use super::Campaign;
 use super::bench::FaultBench;
