@@ -85,7 +85,7 @@ impl FaultBench {
         self.robot.network.run_until(until);
     }
 
-    /// Wheel drawn at random. The board of its axle becomes the affected board.
+    /// Wheel selected by the seed. The board of the wheel's axle becomes the affected board.
     pub fn wheel(&mut self) -> (Role, usize) {
         let axles = self.robot.topology.axle_count() as u64;
         let role = Role::axle((self.seed % axles) as u8);
@@ -93,7 +93,7 @@ impl FaultBench {
         (role, (self.seed / axles % 2) as usize)
     }
 
-    /// Board drawn at random. The board becomes the affected board.
+    /// Board selected by the seed. The board becomes the affected board.
     pub fn any(&mut self) -> Role {
         let boards = &self.robot.roles;
         let role = boards[self.seed as usize % boards.len()];
