@@ -273,9 +273,9 @@ pub fn json(value: &impl Serialize) -> String {
 /// One cell of a [`Csv`] row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// A number of the simulation.
+    /// Double-precision number of the simulation.
     Double(f64),
-    /// A number of the on-board code; its text is shorter than the text of the equal `f64`.
+    /// Single-precision number of the on-board code; its text is shorter than the text of the equal `f64`.
     Single(f32),
     /// A counter.
     Integer(i64),

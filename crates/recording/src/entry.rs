@@ -356,8 +356,8 @@ impl From<&Estimate> for Estimated {
 }
 
 impl LeadEntry {
-    /// Entry of an output that arrived at `tick`, with estimates valid at `epoch_s`, s. The field `bits` stays empty;
-    /// only a log has it.
+    /// Log entry for an output of the lead node that arrived at `tick`, with estimates valid at `epoch_s`, s. The field
+    /// `bits` stays empty; only a log has it.
     pub fn new(tick: u32, epoch_s: f64, output: &lead::Output) -> Self {
         let lead::Output { fused, motion, .. } = output;
         let supervision = &output.supervision;

@@ -171,7 +171,7 @@ impl Session {
         }
     }
 
-    /// Waits for a viewer if the run is served and no line was recorded yet; an error if `interrupt` is set meanwhile.
+    /// Waits for a viewer if the run is served and no event was recorded yet; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),

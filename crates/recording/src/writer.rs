@@ -97,7 +97,8 @@ enum WriterState {
     Closed,
 }
 
-/// Writes notes in order. If dropped before it is closed, it completes the files as they are.
+/// Writes the items of a recording in order. A writer that is dropped before it is closed completes the files as they
+/// are.
 pub(super) struct Writer {
     state: WriterState,
     /// True once the start of a thread was tried.

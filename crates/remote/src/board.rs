@@ -1,6 +1,6 @@
 //! A board behind a link, as a target of the simulation.
 //!
-//! One request at a time, repeated until its reply arrives; see [`core_algos::link`].
+//! The host sends one request at a time and repeats the request until its reply arrives; see [`core_algos::link`].
 
 use crate::link::Link;
 use crate::unanswered::Unanswered;
@@ -28,12 +28,13 @@ use std::time::{Duration, Instant};
 const REPEAT_AFTER: Duration = Duration::from_millis(250);
 /// Number of times that a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
-/// Attempts where a user waits: 1.5 s in total.
+/// Number of times that a request is sent where a user waits; the attempts take 1.5 s in total.
 const INTERACTIVE_ATTEMPTS: u32 = 6;
 /// Limit of the number of late replies to earlier requests that are skipped after a hello.
 const MAX_STALE_REPLIES: u32 = 4;
-/// Ticks per epoch, and the tick of an epoch in which the lead node runs.
+/// Number of ticks per epoch.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
+/// Tick of an epoch in which the lead node runs.
 const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
 /// A board at the other end of a link.
@@ -490,7 +491,7 @@ impl RequestChannel {
         }
     }
 
-    /// Sends a request with the next number; returns the number of bytes.
+    /// Sends a request with the next request number; returns the number of bytes sent.
     pub(super) fn send_request(&mut self, request: &Request) -> Result<usize, Fault> {
         self.number = self.number.wrapping_add(1);
         self.sent_frame = protocol::encode(self.number, request)

@@ -64,7 +64,7 @@ struct Pending {
     number: u8,
     what: Subject,
     frame: SerialFrame,
-    /// Time of the latest transmission, µs.
+    /// Time of the latest transmission, µs; `None` before the first.
     sent: Option<Micros>,
     /// Time since which the reply is missing, µs; a newer speed command takes over the time of the command that it
     /// replaces.

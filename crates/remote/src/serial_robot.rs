@@ -47,7 +47,7 @@ const RECORD_MS: u64 = 5000;
 /// Opens the port of the front board.
 pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
 
-/// Another board, recorded through its own port.
+/// Board other than the front board, recorded through its own port.
 pub struct OtherBoard {
     /// None once the port has closed.
     port: Option<Box<dyn Link>>,
@@ -114,7 +114,7 @@ pub struct SerialRobot {
     tick: u64,
     /// Tick at which the run started, counted as `tick`.
     start: u64,
-    /// Times of the latest report and of the latest opening of the port, µs.
+    /// Time of the latest report, µs; below, time of the latest attempt to open the port, µs.
     last_report: Micros,
     opened: Micros,
     /// Bytes received since the latest report.
@@ -178,7 +178,7 @@ impl SerialRobot {
         let port = self.port.as_ref().and_then(|port| port.second());
         let mut frames = self.link.motors_off();
         interrupt::set_last_action(move || {
-            // Several frames, in case one is lost.
+            // Several frames are sent, in case one is lost.
             for _ in 0..3 {
                 let frame = frames();
                 let _ = port

@@ -195,7 +195,7 @@ impl VirtualLink {
         let (to, replies) = channel();
         let thread = thread::spawn(move || {
             for command in from {
-                // A link being dropped takes no reply.
+                // The send fails once the link is being dropped; the thread then ends.
                 if let Some(reply) = threaded.execute(command)
                     && to.send(reply).is_err()
                 {

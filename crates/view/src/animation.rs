@@ -9,7 +9,7 @@ use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 use std::fmt::Write;
 
-/// Width and height of the picture, in its units.
+/// Width of the picture, in units of the SVG; below, height.
 const WIDTH: f64 = 800.0;
 const HEIGHT: f64 = 420.0;
 /// Height of the titles above the panels.

@@ -192,7 +192,7 @@ impl Run<'_> {
             let series = numbered(&strains[..gauges], &strain);
             plot("Strains, from the rear end on", "µm/m", series)
         }));
-        // The truth of a real robot is unknown.
+        // The true state of a real robot is unknown, so its curves are left out.
         for plot in &mut plots {
             let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
             plot.series.retain(known);

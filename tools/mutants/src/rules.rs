@@ -119,7 +119,7 @@ impl Finder<'_> {
         self.add(rule, span, Form::Replaced(text.into()));
     }
 
-    /// Expression with a part replaced.
+    /// Text of the expression `whole` with its part `part` replaced by `text`.
     fn with(&self, whole: Span, part: Span, text: &str) -> String {
         let (whole, part) = (whole.byte_range(), part.byte_range());
         format!(
@@ -176,7 +176,6 @@ impl Finder<'_> {
         let span = call.span();
         if !other.is_empty() {
             let mut text = self.with(span, call.method.span(), other);
-            // The methods take receivers of different types.
             if name == "is_some_and" {
                 text = format!("({text})");
             }
@@ -244,7 +243,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Partner of a name in a pair.
+    /// Partner of a name, such as `right` for `left`; `None` for a name without a partner.
     fn pair(name: &str) -> Option<&'static str> {
         Some(match name {
             "Front" => "Rear",

@@ -140,7 +140,7 @@ pub struct Mcap {
     epochs: u64,
     end: RunEnd,
     whole: bool,
-    /// Goal and path of the run, for viewers that connect later.
+    /// Goal of the run, sent to viewers that connect later; below, reference path.
     planned_goal: Option<PoseInFrame>,
     planned_path: Option<PosesInFrame>,
 }

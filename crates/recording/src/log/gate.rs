@@ -114,7 +114,7 @@ fn head(from: &mut TcpStream) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Origin of a request, if it has one.
+/// Content of the `Origin` header of a request; `None` without this header.
 fn origin(head: &[u8]) -> Option<String> {
     let head = String::from_utf8_lossy(head);
     let mut fields = head.lines().skip(1).map_while(|line| line.split_once(':'));

@@ -122,7 +122,7 @@ impl Recording {
     }
 }
 
-/// Reads a log in memory; `name` identifies it in errors.
+/// Reads a log in memory; `name` identifies the log in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut boards = vec![Vec::new(); ROBOT.board_count()];
     let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
@@ -245,7 +245,8 @@ struct Reader<'a> {
     front: VecDeque<Event>,
     /// Outputs of the lead node by tick, ms; a board behind a link delivers them later than the tick.
     leads: HashMap<u32, Box<lead::Output>>,
-    /// Time of the front board's latest event that was passed on, ms; `None` until one was passed on after its start.
+    /// Time of the front board's latest event that was passed on, ms; `None` from the board's start until an event was
+    /// passed on.
     released: Option<u32>,
     to: &'a mut dyn FnMut(Role, Event),
 }

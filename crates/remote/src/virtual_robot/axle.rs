@@ -40,7 +40,7 @@ const PULSE_PERIODS: Time = Time::from_micros(100);
 /// Limit of the bounce time of the contacts.
 const BOUNCE: Time = Time::from_micros(5_000);
 
-/// Motion of a wheel from a given time: angle (rad) and speed (rad/s), positive forward.
+/// Motion of a wheel from a given time on: angle (rad) and speed (rad/s), positive forward.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
     /// Wheel's angle at the given time, rad.
@@ -49,7 +49,7 @@ pub struct WheelMotion {
     pub speed_rad_s: f64,
 }
 
-/// Motion of an axle from a given time.
+/// Motion of an axle from a given time on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
     /// Motions of the wheels (left, right).

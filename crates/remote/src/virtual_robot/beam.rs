@@ -11,7 +11,7 @@ use virtual_board::Time;
 use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
 use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor, olimex_h405};
 
-/// Pins of the bridges, from the root.
+/// Pins of the strain bridges, counted from the root of the strip.
 const BRIDGES: [Pin; 5] = [
     Pin::new('C', 0),
     Pin::new('C', 1),

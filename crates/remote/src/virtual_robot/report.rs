@@ -57,7 +57,7 @@ pub struct BoardFinding {
     pub kind: &'static str,
     /// Description of the finding.
     pub text: String,
-    /// Function and line of the program.
+    /// Function and line of the program at the first occurrence.
     pub place: String,
     /// Time of the first occurrence, s since power-on.
     pub time_s: f64,
@@ -97,7 +97,7 @@ pub struct BoardReport {
     pub tick_lateness_us: u16,
     /// Ticks missed after all boards were ready.
     pub missed_ticks: u8,
-    /// Longest time from the converter's trigger to the new duty, µs; `None` for a board without motors.
+    /// Longest time from the converter's trigger to the new duty cycle, µs; `None` for a board without motors.
     pub longest_current_loop_us: Option<f64>,
     /// Fraction of the time in which the core was awake.
     pub load: f64,

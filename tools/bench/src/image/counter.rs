@@ -40,7 +40,7 @@ pub struct Total {
 }
 
 impl Total {
-    /// Adds a call.
+    /// Adds the cost of a call.
     pub fn add(&mut self, cost: Cost) {
         self.calls += 1;
         self.sum += cost.instructions;
@@ -59,7 +59,7 @@ impl Total {
     }
 }
 
-/// Counts instructions.
+/// Counter of the instructions and the stack of a call.
 pub struct Counter {
     /// Timer of the measurement. It is owned, so that no other code can restart it.
     _clock: SYST,

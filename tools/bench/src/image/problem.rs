@@ -12,7 +12,7 @@ pub const SLIP: f32 = 1e-3;
 pub const JERK: f32 = 1.0;
 /// Noise density of the yaw jerk, rad/s³/√Hz.
 pub const YAW_JERK: f32 = 6.0;
-/// Initial state.
+/// Initial state of the filter.
 pub const X0: [f32; 7] = [0.1, -0.2, 0.3, 0.2, 0.1, 0.0, 0.0];
 /// Diagonal of the initial covariance.
 pub const P0: [f32; 7] = [1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2, 1e-2];
