@@ -155,10 +155,10 @@ mod tests {
         let record = Record::without_truth(0, Topology::PAIR, lead::Output::default());
         let text = of_records(&[record.clone(), record]).into_bytes();
         let mut reader = ::csv::Reader::from_reader(text.as_slice());
-        // Time; in `/truth` 12 values of postures and 20 of lists; in `/lead` 5 words, 36 values of estimates and 11
-        // others.
+        // 85 columns: the time; 12 of postures and 20 of lists from `/truth`; 5 of words, 36 of estimates and 11 of
+        // other values from `/lead`.
         assert_eq!(reader.headers().unwrap().len(), 85);
-        // The reader rejects rows of another length.
+        // The reader rejects a row whose length differs from that of the header.
         assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
     }
 }
