@@ -1,49 +1,24 @@
 //! Arrays and numbers from Python. Every function names the argument in its error.
 
 use crate::errors::refused;
-use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
-    PyUntypedArrayMethods,
-};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
-use pyo3::types::{PyComplex, PyDict};
 
-/// Array of `f64` from an array or nested sequence of real numbers. An array of another kind of numbers is converted.
-pub fn array<'py>(
-    name: &str,
-    value: &Bound<'py, PyAny>,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
-    if let Ok(array) = value.cast::<PyArrayDyn<f64>>() {
-        return readonly(name, array);
-    }
+/// Array of `f64` from a nested sequence or an array of real numbers.
+fn converted<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
     let numbers = "an array of real numbers";
-    let kind = || value.get_type().to_string();
-    if value.is_instance_of::<PyComplex>() {
-        return Err(refused(name, kind(), numbers));
-    }
     let numpy = py.import("numpy")?;
     let array = numpy
         .call_method1("asarray", (value,))
         .map_err(|error| refused(name, error.value(py), numbers))?;
     let dtype = array.getattr("dtype")?;
     let letter: String = dtype.getattr("kind")?.extract()?;
-    if !["b", "i", "u", "f"].contains(&letter.as_str()) {
-        return Err(refused(name, dtype, numbers));
+    match ["b", "i", "u", "f"].contains(&letter.as_str()) {
+        true => array.call_method1("astype", ("float64",)),
+        false => Err(refused(name, dtype, numbers)),
     }
-    let options = PyDict::new(py);
-    options.set_item("copy", false)?;
-    let array = array.call_method("astype", ("float64",), Some(&options))?;
-    let array = array.cast::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
-    readonly(name, array)
-}
-
-fn readonly<'py>(
-    name: &str,
-    array: &Bound<'py, PyArrayDyn<f64>>,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
-    let taken = |_| refused(name, "an array in use", "an array that no other call writes to");
-    array.try_readonly().map_err(taken)
 }
 
 /// Numbers of an array of the given shape; `None` as a length allows any. The values may be NaN or infinite.
@@ -52,9 +27,14 @@ pub fn any_numbers(
     value: &Bound<'_, PyAny>,
     shape: &[Option<usize>],
 ) -> PyResult<Vec<f64>> {
-    let array = array(name, value)?;
-    check_shape(name, array.shape(), shape)?;
-    Ok(array.as_array().iter().copied().collect())
+    let py = value.py();
+    // An array of f64 is copied as it is; anything else is converted first.
+    let buffer = match PyBuffer::<f64>::get(value) {
+        Ok(buffer) => buffer,
+        Err(_) => PyBuffer::get(&converted(name, value)?)?,
+    };
+    check_shape(name, buffer.shape(), shape)?;
+    buffer.to_vec(py)
 }
 
 /// Finite numbers of an array of the given shape; `None` as a length allows any.
@@ -102,17 +82,19 @@ pub fn single<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<
 pub fn matrix<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[[f32; N]; N]> {
     let numbers = numbers(name, value, &[Some(N), Some(N)])?;
     let mut matrix = [[0.0; N]; N];
-    for (i, (single, number)) in matrix.as_flattened_mut().iter_mut().zip(numbers).enumerate() {
+    for (i, (single, number)) in matrix
+        .as_flattened_mut()
+        .iter_mut()
+        .zip(numbers)
+        .enumerate()
+    {
         *single = narrow(&format!("{name}[{}, {}]", i / N, i % N), number)?;
     }
     Ok(matrix)
 }
 
 /// Covariance: symmetric, with positive variances.
-pub fn covariance<const N: usize>(
-    name: &str,
-    value: &Bound<'_, PyAny>,
-) -> PyResult<[[f32; N]; N]> {
+pub fn covariance<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[[f32; N]; N]> {
     let matrix = matrix::<N>(name, value)?;
     for i in 0..N {
         let variance = matrix[i][i];
@@ -127,7 +109,9 @@ pub fn covariance<const N: usize>(
                 return Err(refused(
                     format!("{name}[{i}, {j}]"),
                     below,
-                    format!("equal to [{j}, {i}], which is {above}, and at most {size} in magnitude"),
+                    format!(
+                        "equal to [{j}, {i}], which is {above}, and at most {size} in magnitude"
+                    ),
                 ));
             }
         }
@@ -160,39 +144,105 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
     }
 }
 
-/// Writes `values` into an array of `f64` of the given shape, which must be writeable.
-pub fn write(
-    name: &str,
-    target: &Bound<'_, PyAny>,
-    shape: &[usize],
-    values: impl IntoIterator<Item = f64>,
-) -> PyResult<()> {
-    let mut array = writeable(name, target, shape)?;
-    for (entry, value) in array.as_array_mut().iter_mut().zip(values) {
-        *entry = value;
+/// Buffer of an array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking
+/// for it takes longer than copying it.
+#[derive(Default)]
+pub struct Kept {
+    /// Address of the array's object. The buffer keeps the object alive, so no other object has this address.
+    object: usize,
+    buffer: Option<PyBuffer<f64>>,
+}
+
+impl Kept {
+    /// Copies an array of this length and shape into `to`; the values may be NaN or infinite.
+    pub fn read(
+        &mut self,
+        name: &str,
+        value: &Bound<'_, PyAny>,
+        shape: &[usize],
+        to: &mut [f64],
+    ) -> PyResult<()> {
+        if let Some(buffer) = self.latest(value) {
+            return copy_to(value.py(), buffer, to);
+        }
+        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+        let Ok(buffer) = PyBuffer::<f64>::get(value) else {
+            to.copy_from_slice(&any_numbers(name, value, &shape)?);
+            return Ok(());
+        };
+        check_shape(name, buffer.shape(), &shape)?;
+        copy_to(value.py(), &buffer, to)?;
+        self.keep(value, buffer);
+        Ok(())
     }
-    Ok(())
+
+    /// Array of this shape, to be written by [`Self::write`]: refuses what is not a writeable array of `f64`.
+    pub fn target(
+        &mut self,
+        name: &str,
+        target: &Bound<'_, PyAny>,
+        shape: &[usize],
+    ) -> PyResult<()> {
+        if self.latest(target).is_some() {
+            return Ok(());
+        }
+        let Ok(buffer) = PyBuffer::<f64>::get(target) else {
+            let dtype = target.getattr("dtype");
+            let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
+            return Err(refused(name, found, "an array of float64"));
+        };
+        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+        check_shape(name, buffer.shape(), &shape)?;
+        if buffer.readonly() {
+            return Err(refused(name, "a read-only array", "writeable"));
+        }
+        self.keep(target, buffer);
+        Ok(())
+    }
+
+    /// Writes the values into the latest target, row by row: as many as it has entries.
+    pub fn write(&self, py: Python<'_>, values: &[f64]) -> PyResult<()> {
+        let Some(buffer) = &self.buffer else {
+            return Ok(());
+        };
+        match buffer.as_mut_slice(py) {
+            Some(cells) => {
+                cells
+                    .iter()
+                    .zip(values)
+                    .for_each(|(cell, value)| cell.set(*value));
+                Ok(())
+            }
+            None => buffer.copy_from_slice(py, values),
+        }
+    }
+
+    fn latest(&self, object: &Bound<'_, PyAny>) -> Option<&PyBuffer<f64>> {
+        self.buffer
+            .as_ref()
+            .filter(|_| self.object == address(object))
+    }
+
+    fn keep(&mut self, object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) {
+        (self.object, self.buffer) = (address(object), Some(buffer));
+    }
 }
 
-/// Refuses what [`write`] refuses.
-pub fn check_target(name: &str, target: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
-    writeable(name, target, shape).map(drop)
+/// Copies a buffer of as many entries as `to`. The copy by cells of a contiguous array is the faster one.
+fn copy_to(py: Python<'_>, buffer: &PyBuffer<f64>, to: &mut [f64]) -> PyResult<()> {
+    match buffer.as_slice(py) {
+        Some(cells) => {
+            to.iter_mut()
+                .zip(cells)
+                .for_each(|(to, cell)| *to = cell.get());
+            Ok(())
+        }
+        None => buffer.copy_to_slice(py, to),
+    }
 }
 
-fn writeable<'py>(
-    name: &str,
-    target: &Bound<'py, PyAny>,
-    shape: &[usize],
-) -> PyResult<PyReadwriteArrayDyn<'py, f64>> {
-    let Ok(array) = target.cast::<PyArrayDyn<f64>>() else {
-        let dtype = target.getattr("dtype");
-        let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
-        return Err(refused(name, found, "a numpy array of float64"));
-    };
-    let wanted: Vec<_> = shape.iter().copied().map(Some).collect();
-    check_shape(name, array.shape(), &wanted)?;
-    let read_only = |_| refused(name, "read-only or in use", "a writeable array");
-    array.try_readwrite().map_err(read_only)
+fn address(object: &Bound<'_, PyAny>) -> usize {
+    object.as_ptr() as usize
 }
 
 /// New array of one dimension.

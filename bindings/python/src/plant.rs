@@ -1,6 +1,6 @@
 //! The simulated plant, stepped from Python.
 
-use crate::arrays;
+use crate::arrays::{self, Kept};
 use crate::errors::{of, refused};
 use crate::scenario::Scenario;
 use host_sim::run::robot::{FRAME_POINTS, outlines};
@@ -34,12 +34,19 @@ pub fn sensed_names(truth: &Truth) -> Vec<String> {
     let strains = frames.flat_map(|(frame, strains)| {
         (0..strains.len()).map(move |gauge| format!("frame{frame}.strain[{gauge}]"))
     });
-    (0..truth.axles.len()).flat_map(axle).chain(strains).collect()
+    (0..truth.axles.len())
+        .flat_map(axle)
+        .chain(strains)
+        .collect()
 }
 
 struct State {
     drawn: DrawnPlant,
     truth: Truth,
+    sensed: Vec<f64>,
+    torque: Vec<f64>,
+    /// Arrays of the caller: sensed values and torques.
+    arrays: [Kept; 2],
     outlines: Vec<Outline>,
     ticks: u64,
 }
@@ -77,6 +84,9 @@ impl Plant {
         let drawn = DrawnPlant::new(scenario, &imperfections).map_err(|error| of(&error))?;
         let state = State {
             truth: drawn.no_truth(),
+            sensed: Vec::new(),
+            torque: vec![0.0; 2 * drawn.plant.axles().len()],
+            arrays: Default::default(),
             outlines: outlines(&drawn.plant),
             drawn,
             ticks: 0,
@@ -87,16 +97,24 @@ impl Plant {
     }
 
     /// Writes the sensed values into `out`, float64 of shape (sensed_count,).
-    fn sensed_into(&self, out: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn sensed_into(&self, py: Python<'_>, out: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut state = self.state();
-        let State { drawn, truth, .. } = &mut **state;
+        let State {
+            drawn,
+            truth,
+            sensed,
+            arrays: [array, _],
+            ..
+        } = &mut **state;
         drawn.measure(truth);
-        let axles = truth.axles.iter().flat_map(|axle| {
-            let [left, right] = axle.wheel_angle;
-            [left, right, axle.yaw_rate, axle.forward_acceleration]
-        });
-        let values = axles.chain(truth.strains.iter().flatten().copied());
-        arrays::write("out", out, &[sensed_count(truth)], values)
+        sensed.clear();
+        for axle in &truth.axles {
+            sensed.extend(axle.wheel_angle);
+            sensed.extend([axle.yaw_rate, axle.forward_acceleration]);
+        }
+        sensed.extend(truth.strains.iter().flatten());
+        array.target("out", out, &[sensed.len()])?;
+        array.write(py, sensed)
     }
 
     /// Number of sensed values.
@@ -114,8 +132,15 @@ impl Plant {
     /// Advances by 1 ms with wheel torques, shape (axles, 2): left and right, N m.
     fn step_with(&self, torque: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut state = self.state();
-        let torque = torques(torque, state.truth.axles.len())?;
-        state.drawn.plant.step(&torque);
+        let axles = state.truth.axles.len();
+        let State {
+            drawn,
+            torque: values,
+            arrays: [_, array],
+            ..
+        } = &mut **state;
+        array.read("torque", torque, &[axles, 2], values)?;
+        drawn.plant.step(values.as_chunks().0);
         state.ticks += 1;
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! The boards of a robot, with or without their sensors, stepped from Python.
 
-use crate::arrays;
+use crate::arrays::{self, Kept};
 use crate::errors::{of, refused};
-use crate::plant::{sensed_count, sensed_names};
+use crate::plant::{PER_AXLE, sensed_count, sensed_names};
 use crate::scenario::Scenario;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::LeadMode;
@@ -37,6 +37,10 @@ struct State {
     truth: Truth,
     readings: Readings,
     stream: Option<Stream>,
+    sensed: Vec<f64>,
+    /// Arrays of the caller: sensed values and torques.
+    arrays: [Kept; 2],
+    estimate: Kept,
 }
 
 impl State {
@@ -47,17 +51,21 @@ impl State {
         let boards = targets::in_process(topology);
         let rig = Rig::new(boards, &scenario, &drawn, (seed, trial));
         let gauges = scenario.world.sensors.bridge.gauges_m.len();
+        let truth = Truth {
+            axles: vec![AxleTruth::default(); topology.axle_count()],
+            strains: vec![vec![0.0; gauges]; topology.frame_count()],
+        };
         Ok(Self {
             rig: rig.map_err(|error| of(&error))?,
-            truth: Truth {
-                axles: vec![AxleTruth::default(); topology.axle_count()],
-                strains: vec![vec![0.0; gauges]; topology.frame_count()],
-            },
+            sensed: vec![0.0; sensed_count(&truth)],
+            truth,
             readings: Readings {
                 axles: vec![axle::Samples::default(); topology.axle_count()],
                 frames: vec![[0; MAX_GAUGES]; topology.frame_count()],
             },
             stream: None,
+            arrays: Default::default(),
+            estimate: Kept::default(),
             scenario,
         })
     }
@@ -68,18 +76,6 @@ impl State {
         self.rig.monitor.begin_task();
         let command = HostCommand::Task(task);
         self.rig.boards.command(&command).map_err(|it| of(&it))
-    }
-
-    /// Sends points of the path while there is room for them.
-    fn feed(&mut self) -> PyResult<()> {
-        let due = self.rig.now().is_multiple_of(EPOCH);
-        let Some(stream) = self.stream.as_mut().filter(|_| due) else {
-            return Ok(());
-        };
-        match stream.next(self.rig.boards.room()) {
-            Some(points) => self.rig.boards.command(&points).map_err(|it| of(&it)),
-            None => Ok(()),
-        }
     }
 
     fn follow(&mut self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
@@ -103,6 +99,18 @@ impl State {
         self.command(task)?;
         self.stream = Some(stream);
         Ok(())
+    }
+}
+
+/// Sends points of a path at the beginning of an epoch while there is room for them.
+fn feed(rig: &mut Rig, stream: &mut Option<Stream>) -> PyResult<()> {
+    let due = rig.now().is_multiple_of(EPOCH);
+    let Some(stream) = stream.as_mut().filter(|_| due) else {
+        return Ok(());
+    };
+    match stream.next(rig.boards.room()) {
+        Some(points) => rig.boards.command(&points).map_err(|error| of(&error)),
+        None => Ok(()),
     }
 }
 
@@ -200,12 +208,14 @@ macro_rules! tasks {
 
             /// Writes the estimated posture of the midpoint (m, m, rad) and its covariance, row by row, into `out`,
             /// float64 of shape (12,). The covariance is zero without an estimate.
-            fn estimate_into(&self, out: &Bound<'_, PyAny>) -> PyResult<()> {
-                let state = self.state();
+            fn estimate_into(&self, py: Python<'_>, out: &Bound<'_, PyAny>) -> PyResult<()> {
+                let mut state = self.state();
+                state.estimate.target("out", out, &[12])?;
                 let robot = &state.rig.lead().fused.robot;
                 let posture: [f32; 3] = robot.posture.into();
                 let values = posture.iter().chain(robot.covariance.as_flattened());
-                arrays::write("out", out, &[12], values.map(|&value| value.into()))
+                let values: Vec<f64> = values.map(|&value| value.into()).collect();
+                state.estimate.write(py, &values)
             }
 
             /// Estimated posture of the midpoint, shape (3,): m, m, rad.
@@ -249,32 +259,40 @@ pub struct Robot {
 tasks!(Robot {
     /// One millisecond of the boards. sensed: shape (sensed_count,). torque: float64 of shape (axles, 2), written with
     /// the torques of the left and right wheels, N m.
-    fn step_into(&self, sensed: &Bound<'_, PyAny>, torque: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn step_into(
+        &self,
+        py: Python<'_>,
+        sensed: &Bound<'_, PyAny>,
+        torque: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let mut state = self.state();
-        let count = sensed_count(&state.truth);
-        let array = arrays::array("sensed", sensed)?;
-        let view = array.as_array();
-        if view.ndim() != 1 || view.len() != count {
-            let found = format!("{:?}", view.shape());
-            return Err(refused("shape of sensed", found, format!("[{count}]")));
-        }
+        let State {
+            rig,
+            truth,
+            stream,
+            sensed: values,
+            arrays: [from, to],
+            ..
+        } = &mut *state;
+        from.read("sensed", sensed, &[values.len()], values)?;
         // Refused before the boards step.
-        let axles = state.truth.axles.len();
-        arrays::check_target("torque", torque, &[axles, 2])?;
-        let mut values = view.iter().copied();
-        let mut next = || values.next().unwrap_or(f64::NAN);
-        for axle in &mut state.truth.axles {
-            *axle = AxleTruth {
-                wheel_angle: [next(), next()],
-                yaw_rate: next(),
-                forward_acceleration: next(),
+        to.target("torque", torque, &[truth.axles.len(), 2])?;
+        let (axles, strains) = values.split_at(PER_AXLE * truth.axles.len());
+        let (axles, _) = axles.as_chunks::<PER_AXLE>();
+        for (truth, &[left, right, yaw_rate, forward_acceleration]) in
+            truth.axles.iter_mut().zip(axles)
+        {
+            *truth = AxleTruth {
+                wheel_angle: [left, right],
+                yaw_rate,
+                forward_acceleration,
             };
         }
-        state.truth.strains.iter_mut().flatten().for_each(|strain| *strain = next());
-        state.feed()?;
-        let State { rig, truth, .. } = &mut *state;
+        let gauges = truth.strains.iter_mut().flatten();
+        gauges.zip(strains).for_each(|(to, strain)| *to = *strain);
+        feed(rig, stream)?;
         let given = rig.step(truth).map_err(|error| of(&error))?;
-        arrays::write("torque", torque, &[axles, 2], given.iter().flatten().copied())
+        to.write(py, given.as_flattened())
     }
 
     /// Number of sensed values: four an axle, then the strains of each frame.
@@ -343,7 +361,13 @@ tasks!(Boards {
                 return Err(refused(field, values[place], "a count of 32 bits"));
             }
         }
-        let State { readings, rig, .. } = &mut *state;
+        let State {
+            readings,
+            rig,
+            stream,
+            ..
+        } = &mut *state;
+        feed(rig, stream)?;
         for (i, samples) in readings.axles.iter_mut().enumerate() {
             let count = |wheel: usize| {
                 let value = encoder[2 * i + wheel];

@@ -217,9 +217,7 @@ fn keys_json(table: Option<&str>) -> PyResult<String> {
 #[pyfunction]
 fn drawn_json(scenario: &Scenario, seed: u64, trial: u64) -> String {
     let scenario = &scenario.inner;
-    let drawn = scenario
-        .world
-        .draw(scenario.robot.topology(), seed, trial);
+    let drawn = scenario.world.draw(scenario.robot.topology(), seed, trial);
     json!(drawn).to_string()
 }
 

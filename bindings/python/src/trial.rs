@@ -77,7 +77,10 @@ impl Columns {
         for (name, column) in self.names.into_iter().zip(self.columns) {
             let values = match column {
                 Column::Words(words) => words.into_bound_py_any(py)?,
-                Column::Numbers { values, whole: true } => {
+                Column::Numbers {
+                    values,
+                    whole: true,
+                } => {
                     let whole = values.iter().map(|&value| value as i64);
                     arrays::row(py, whole.collect()).into_any()
                 }
@@ -173,13 +176,15 @@ fn run_rows<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let scenarios: Vec<Scenario> = scenarios.iter().map(|it| it.get().clone()).collect();
     let count = scenarios.len() * trials.len();
-    let outcomes = py.detach(|| run_all(count, threads, |k, interrupt| {
-        let (seed, trial) = trials[k % trials.len()];
-        let scenario = &scenarios[k / trials.len()].inner;
-        let mut robot = Simulation::new(scenario, seed, trial)?;
-        robot.control_mut().interrupt = Some(interrupt.clone());
-        regulate_on(&mut robot, scenario, |_| ())
-    }))?;
+    let outcomes = py.detach(|| {
+        run_all(count, threads, |k, interrupt| {
+            let (seed, trial) = trials[k % trials.len()];
+            let scenario = &scenarios[k / trials.len()].inner;
+            let mut robot = Simulation::new(scenario, seed, trial)?;
+            robot.control_mut().interrupt = Some(interrupt.clone());
+            regulate_on(&mut robot, scenario, |_| ())
+        })
+    })?;
     let mut table = Columns::default();
     for (k, outcome) in outcomes.iter().enumerate() {
         let (seed, trial) = trials[k % trials.len()];
