@@ -48,9 +48,10 @@ pub const MIN_SPEED_M_S: f32 = 1e-6;
 declare! {
     /// Denominator of the velocity in eq. 4.
     pub enum Form, default Derived {
-        /// `e s cos α + r√2 sin 2θ sin α`: derived from the Lyapunov condition δ̇ = −k1 tanh δ.
+        /// Denominator `e s cos α + r√2 sin 2θ sin α`, derived from the Lyapunov condition δ̇ = −k1 tanh δ, with the
+        /// distance δ from the circular path manifold.
         Derived = "derived",
-        /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
+        /// Denominator `e s + r√2 sin 2θ sin α`, as the paper prints it, without `cos α`.
         Printed = "printed",
     }
 }
@@ -235,7 +236,7 @@ pub struct Reference {
     pub posture: Posture,
     /// Velocity of R along its heading, m/s (v_r); 0 for posture regulation.
     pub v: f32,
-    /// Curvature of R's path, 1/m (κ_r).
+    /// Curvature of the path of the reference frame R, 1/m (κ_r).
     pub kappa: f32,
 }
 

@@ -56,7 +56,7 @@ pub const UNEVEN: usize = 14;
 pub const GYRO_BIAS: usize = 16;
 /// Index of the scale error of the front gyro; the rear gyro's is next.
 pub const GYRO_SCALE: usize = 18;
-/// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
+/// Number of constants that affect the beam's posture: two at [`ZERO`], two at [`GAIN`].
 pub const OF_BEAM: usize = 4;
 /// Indices of the constants, except the compliances, that affect the advance of the front axle and of the rear axle.
 /// `OF_ASIDE` and `OF_HEADING` list those that affect lateral motion and heading.

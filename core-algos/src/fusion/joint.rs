@@ -267,7 +267,7 @@ pub struct Estimates {
     pub robot: Estimate,
 }
 
-/// Result of the beam's update.
+/// Effect of one measurement of the beam on the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BeamUpdate {

@@ -93,7 +93,7 @@ impl Stop {
     }
 }
 
-/// State of an axle node.
+/// What an axle node keeps from one tick to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Time of the first step.

@@ -137,7 +137,8 @@ pub struct Loads {
     pub now: Vec<[f64; 2]>,
 }
 
-/// Load on an axle per unit of M/l, with pitching moment M and distance l of neighbouring axles.
+/// Load on an axle per unit of M/l, with pitching moment M and distance l between neighbouring axles. Positive
+/// for axles ahead of the middle.
 fn pitch_share(axle: usize, axles: usize) -> f64 {
     let middle = (axles as f64 - 1.0) / 2.0;
     let squares: f64 = (0..axles)

@@ -20,7 +20,7 @@ pub struct Reference {
     strip: Elastica,
     y: Coordinates,
     frames: Vec<Frame>,
-    /// True if the equilibrium of a strip was lost.
+    /// True once the solver has found no equilibrium of a strip; later states are void.
     pub lost: bool,
 }
 

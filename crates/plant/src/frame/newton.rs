@@ -121,7 +121,7 @@ pub(super) struct Points<V> {
     pub tension: Twelve<V>,
     /// Force across the strip.
     pub shear: Twelve<V>,
-    /// Quadrature weight times stretch: length over unstrained length.
+    /// Quadrature weight times stretch (stretched length over unstrained length).
     pub length: Twelve<V>,
 }
 
@@ -458,7 +458,8 @@ fn factor<V: Lanes>(
             $({
                 let row = &factor.row[$k];
                 let mut v = scaled[$k] - V::splat(row[X]) * x - V::splat(row[Y]) * y;
-                // The unknown found last is subtracted last: only its product waits for the unknown.
+                // Oldest unknown first: the other products are ready before the newest unknown is known, so only one
+                // multiplication follows it.
                 for j in (($k + 1)..MODES).rev() {
                     v = v - V::splat(row[j]) * s[j];
                 }
