@@ -36,7 +36,7 @@ pub struct Thermistor {
     ratio: f32,
 }
 
-/// 25 °C, K.
+/// Temperature of the nominal resistance R₂₅, 25 °C, in K.
 const T25_K: f32 = 298.15;
 
 impl Thermistor {

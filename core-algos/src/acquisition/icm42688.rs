@@ -168,7 +168,7 @@ pub struct Reading {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// State of the driver.
+/// Phase of the driver: setting the sensor up, or reading samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// `wait` milliseconds remain until write `next` of the set-up.

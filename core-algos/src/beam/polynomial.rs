@@ -102,7 +102,7 @@ impl Interpolant {
         })
     }
 
-    /// Gauges of the interpolant.
+    /// Gauges through whose curvatures the polynomial passes.
     pub fn mask(&self) -> GaugeMask {
         self.mask
     }

@@ -236,7 +236,7 @@ impl PostureSolver {
     }
 }
 
-/// Validated sensor.
+/// Relative position sensor with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePositionSensor {
     /// Variance that the random walk of a gauge's zero adds in a period, strain².
@@ -247,7 +247,7 @@ pub struct RelativePositionSensor {
     monitor: Monitor,
 }
 
-/// State of the sensor.
+/// What the sensor keeps between samples and from one estimate to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: [Period; MAX_GAUGES],
@@ -277,7 +277,7 @@ struct Work {
     search: Option<Search>,
 }
 
-/// Purpose of a fit.
+/// Purpose of a fit that continues with the next samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Purpose {
     /// Fit of the estimate itself. The next estimate starts from the result.
@@ -313,7 +313,7 @@ pub struct Estimate {
 }
 
 impl RelativePositionSensor {
-    /// Strip of the sensor.
+    /// Strip that carries the gauges.
     pub fn strip(&self) -> &Strip {
         self.posture.strip()
     }

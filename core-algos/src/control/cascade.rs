@@ -112,7 +112,7 @@ pub struct SteeringMotion {
     pub acceleration: f32,
 }
 
-/// The cascade connection of one frame.
+/// Cascade connection of one frame: from the motion of O to the references of both axles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
     arc: Arc,

@@ -205,11 +205,11 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Mean wheel torque per acceleration; in the next two fields per velocity error and per frame force.
+    /// Mean wheel torque per acceleration. The next two fields: per velocity error, per frame force.
     mass: f32,
     velocity_gain: f32,
     force_share: f32,
-    /// Half the difference of the torques per yaw acceleration; in the next two fields per yaw rate error and per frame
+    /// Half the difference of the torques per yaw acceleration. The next two fields: per yaw rate error, per frame
     /// moment.
     yaw_inertia: f32,
     yaw_rate_gain: f32,

@@ -195,7 +195,7 @@ impl GovernorInput {
     }
 }
 
-/// State of the governor: the reference, and the rest timer of a change of direction.
+/// What the governor keeps: the reference, and the time at rest before a change of direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// The smooth reference.
@@ -223,7 +223,7 @@ impl State {
     }
 }
 
-/// The reference governor.
+/// Reference governor with checked limits: turns commands into a reference within the limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Governor {
     config: Config,

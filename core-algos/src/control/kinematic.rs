@@ -56,7 +56,7 @@ declare! {
     }
 }
 
-/// End of the robot that leads.
+/// Direction of driving: the end of the robot that goes first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -215,7 +215,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// No motion, straight.
+    /// Command to stand, with zero curvature.
     pub const REST: Self = Self {
         v: 0.0,
         kappa: 0.0,

@@ -205,7 +205,7 @@ impl Search {
     }
 }
 
-/// The planner, ready to run.
+/// Planner with checked parameters and precomputed grid steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planner {
     config: Config,

@@ -101,7 +101,7 @@ impl Tolerance {
 pub struct Output {
     /// Velocity and curvature of O within the limits.
     pub command: Command,
-    /// End of the robot that leads; valid also at v = 0.
+    /// End of the robot that goes first; valid also at v = 0.
     pub direction: Direction,
     /// Phase of the regulator.
     pub phase: Phase,
@@ -131,7 +131,7 @@ fn path_feedback(off: Posture, sign: f32, length_constant: f32) -> f32 {
     -inverse * inverse * off.y - 2.0 * inverse * sign * off.phi
 }
 
-/// The regulator, ready to run.
+/// Regulator with checked parameters: drives O to a goal posture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator {
     config: Config,

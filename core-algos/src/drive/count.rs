@@ -3,7 +3,7 @@
 //! The difference of two readings, modulo 2^16, is the motion between them if the motion is below 2^15 counts. With
 //! 8192 counts per revolution and readings at 1 kHz, this limit is 4000 revolutions per second.
 
-/// Extended count.
+/// Count of 32 bits, built from a counter of 16 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extended {
     last: u16,

@@ -49,7 +49,7 @@ impl Config {
     }
 }
 
-/// State of a monitor.
+/// Sums of a monitor over its present window, and its latest verdict.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: u16,

@@ -99,7 +99,7 @@ fn add_outer(covariance: &mut Mat3, by: &[f32; 3], variance: f32) {
 /// Acceleration of gravity, m/s².
 const GRAVITY: f32 = 9.81;
 
-/// The joint filter, ready to run.
+/// Joint filter with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     t: f32,
@@ -121,7 +121,7 @@ pub struct Joint {
     backlash_position: f32,
 }
 
-/// State of the joint filter.
+/// Estimate of the joint filter with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     rear: Posture,
@@ -256,7 +256,7 @@ impl State {
     }
 }
 
-/// Estimates of the joint filter.
+/// Estimated postures of both axles and of O.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
     /// Posture of the front axle.

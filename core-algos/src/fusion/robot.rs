@@ -147,7 +147,7 @@ pub enum PairAxle {
     Rear,
 }
 
-/// Inputs since the last tick.
+/// Odometry and beam measurement that arrived since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// Odometry of the front axle.
@@ -159,7 +159,7 @@ pub struct Inputs {
     pub beam: Option<Estimate>,
 }
 
-/// Estimates of the fusion after a tick.
+/// Fused postures after a tick, and what the fusion did with the beam's measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {

@@ -88,7 +88,7 @@ impl Config {
     }
 }
 
-/// Zeroing of one sensor, ready to run.
+/// Zeroing of one sensor with checked parameters: estimates the bias at standstill and subtracts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeroing {
     limit: f32,

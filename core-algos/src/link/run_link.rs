@@ -75,7 +75,7 @@ pub enum MotorState {
     Driven,
 }
 
-/// State of a board, shared by the run links of its ports.
+/// Time, motor state and lease of a board, shared by the run links of its ports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Station {
     /// Time of the board, µs.

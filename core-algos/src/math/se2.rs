@@ -174,7 +174,7 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// No motion.
+    /// Twist of a body at rest.
     pub const REST: Self = Self { v: 0.0, omega: 0.0 };
 
     /// A twist from forward velocity (m/s) and yaw rate (rad/s).

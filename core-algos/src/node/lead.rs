@@ -101,7 +101,7 @@ pub struct Output {
     pub supervision: supervisor::Output,
 }
 
-/// State of the lead node.
+/// What the lead node keeps from one step to the next, except path and trajectory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
@@ -151,7 +151,7 @@ impl State {
     }
 }
 
-/// Decision of the task at a step.
+/// Motion and mode that the task demands at a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Decision {
     /// Input of the governor; `None` brakes.
@@ -185,7 +185,7 @@ impl From<path_task::PathStep> for Decision {
     }
 }
 
-/// The lead node.
+/// Lead node: fuses axles and beam, runs the task and sends the axles their references.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     with: Algorithms,
@@ -403,7 +403,7 @@ impl LeadNode {
         }
     }
 
-    /// Decision of the task with O at `center`.
+    /// Motion and mode that the task demands with O at `center`.
     fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;

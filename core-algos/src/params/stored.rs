@@ -19,7 +19,7 @@ pub const MANIFEST_BYTES: usize = 5 + MAX_ID as usize;
 pub const MANIFEST_KEY: u8 = 0;
 const MANIFEST_VERSION: u8 = 1;
 
-/// A stored value.
+/// One value in the store, with version and generation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Item {
     /// Version of the parameter's meaning.

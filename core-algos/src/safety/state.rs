@@ -138,7 +138,7 @@ pub(super) mod tests {
         rows.find(|row| row[0] == name).expect("a row")[column]
     }
 
-    /// The state that the table demands.
+    /// Reference: the state after `cause`, read from the table of the module's doc.
     pub fn demanded(state: OperatingState, cause: Cause, hard: bool) -> OperatingState {
         let request;
         let column = match cause {

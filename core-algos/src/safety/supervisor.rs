@@ -83,7 +83,7 @@ impl Config {
     }
 }
 
-/// The supervisor, ready to run.
+/// Supervisor of a node with checked parameters: changes the operating state by conditions and requests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Supervisor {
     degraded_time: Micros,
@@ -91,7 +91,7 @@ pub struct Supervisor {
     stop_timeout: Micros,
 }
 
-/// State of a supervisor.
+/// Operating state of a node, with its conditions and their times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     operating: OperatingState,
@@ -133,12 +133,12 @@ impl Default for State {
 }
 
 impl State {
-    /// The operating state.
+    /// Operating state of the node.
     pub fn operating(&self) -> OperatingState {
         self.operating
     }
 
-    /// The first stop or cut since the last clearing.
+    /// First condition of class stop or cut since the last clearing; `None` without one.
     pub fn first(&self) -> Option<Condition> {
         self.first
     }

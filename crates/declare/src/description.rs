@@ -33,7 +33,7 @@ pub enum Kind {
     Table(&'static [Field]),
 }
 
-/// Value of an enumeration.
+/// Name that a key may have, with its meaning.
 #[derive(Clone, Copy, Debug)]
 pub struct Choice {
     /// Name of the value in a configuration file.

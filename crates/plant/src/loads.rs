@@ -65,7 +65,7 @@ impl Body {
         ]
     }
 
-    /// Rate of momentum for an acceleration of the midpoint.
+    /// Force (N, N) and moment (N m) at the midpoint that give the midpoint the acceleration `a`.
     #[inline(always)]
     pub fn momentum(&self, a: &Vec3) -> Vec3 {
         let [x, y] = self.moment;
@@ -148,7 +148,7 @@ fn pitch_share(axle: usize, axles: usize) -> f64 {
 }
 
 impl Loads {
-    /// Loads at rest.
+    /// Loads of the robot at rest, without acceleration.
     pub fn new(config: &PlantConfig, bodies: &[Body]) -> Self {
         let at_rest = at_rest(config, bodies);
         Self {

@@ -13,7 +13,7 @@ use declare::ConfigError;
 /// For each axle: x, y, φ; their rates; speeds of the left and the right wheel.
 type Coordinates = Vec<[f64; 8]>;
 
-/// The robot, at rest at the start.
+/// Explicit integrator of the robot for comparison; begins at rest.
 #[derive(Clone, Debug)]
 pub struct Reference {
     config: PlantConfig,

@@ -2,7 +2,7 @@
 
 use super::geometry::Vec3;
 
-/// State of one axle.
+/// Posture, motion and wheel angles of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleState {
     /// Midpoint (m, m) and heading (rad, not wrapped) in the global frame.

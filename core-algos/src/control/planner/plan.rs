@@ -6,7 +6,7 @@ use crate::math::Posture;
 /// A piece of path of constant curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Segment {
-    /// End of the robot that leads.
+    /// End of the robot that goes first.
     pub direction: Direction,
     /// Curvature of the path of O, 1/m, positive to the left of the robot's heading.
     pub curvature: f32,

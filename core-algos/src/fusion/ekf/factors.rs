@@ -230,7 +230,7 @@ impl Covariance {
         }
     }
 
-    /// One entry of P.
+    /// Entry of the whole covariance P in row `i` and column `j`.
     pub fn entry(&self, i: usize, j: usize) -> f32 {
         let (i, j) = (i % N, j % N);
         let mut sum = 0.0;

@@ -87,7 +87,7 @@ const UPKEEP_INTERVAL: u8 = 64;
 /// the matrix well conditioned.
 const HANDED_OUT: f32 = 0.9375;
 
-/// Process noise ready to add.
+/// Process noise in the form that a step adds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Noise {
     /// Constant Q, factorised.
@@ -104,7 +104,7 @@ enum Noise {
     },
 }
 
-/// The axle filter, ready to run.
+/// Filter of one axle with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleFilter {
     t: f32,
@@ -140,7 +140,7 @@ pub struct Measurements {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// Verdict on one measurement.
+/// What a filter did with a measurement: used it, or the reason why not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
@@ -238,7 +238,7 @@ pub struct Counters {
     pub fix: Refusals,
 }
 
-/// State of an axle filter.
+/// Estimate of an axle filter with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     posture: [TwoFloat; 3],
@@ -325,7 +325,7 @@ impl State {
             && self.covariance.is_finite()
     }
 
-    /// Adds a displacement to the posture.
+    /// Adds a displacement (m, m, rad) to the posture and wraps the heading.
     fn advance(&mut self, mut by: [f32; 3]) {
         // After an accepted outlier the filter may turn by more than one turn per step.
         by[PHI] = wrap_angle(by[PHI]);

@@ -27,7 +27,7 @@ fn solve<const N: usize>(mut m: Matrix<N, N>, mut b: Matrix<N, N>) -> Matrix<N, 
     core::array::from_fn(|i| b[i].map(|entry| entry / m[i][i]))
 }
 
-/// The textbook filter.
+/// Reference: the textbook filter with the whole covariance, in `f64`.
 #[derive(Clone)]
 struct Reference {
     t: f64,

@@ -121,7 +121,7 @@ fn between(before: Posture, after: Posture) -> Posture {
     moved.relative_to(Posture::new(0.0, 0.0, before.phi))
 }
 
-/// State of one axle in the lead node.
+/// Latest report of one axle, and its odometric posture at the fused estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct AxleTrack {
     pub(super) report: AxleReport,

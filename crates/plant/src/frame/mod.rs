@@ -58,7 +58,7 @@ pub struct Strip {
     scale: [f64; 3],
 }
 
-/// An equilibrium and its linearisation.
+/// Equilibrium of a strip with its end held, and its linearisation about this end.
 #[derive(Clone, Debug)]
 pub struct Equilibrium {
     /// End of the strip in the root frame.
@@ -76,14 +76,14 @@ pub struct Equilibrium {
     coupling: Column,
 }
 
-/// End and unknowns of an equilibrium.
+/// Strip's end and series coefficients, from which an equilibrium is restored.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     end: [f64; 3],
     unknowns: Column,
 }
 
-/// Result of a solution by Newton's method.
+/// Effort and outcome of a solution by Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Number of factorisations.
@@ -117,7 +117,7 @@ impl Strip {
         }
     }
 
-    /// Unstrained length, m.
+    /// Length of the strip without strain, m.
     pub fn length(&self) -> f64 {
         self.length
     }
@@ -334,7 +334,7 @@ impl Strip {
         ]
     }
 
-    /// Elastic energy, J.
+    /// Elastic energy of the strip in the equilibrium `e`, J.
     pub fn energy(&self, e: &Equilibrium) -> f64 {
         let mut u = 0.5 * e.end[2] * e.end[2];
         for i in 0..MODES {

@@ -94,8 +94,8 @@ impl Factor {
         }
         forward!(0 1 2 3 4 5 6 7 8);
         let y = Column::store(Twelve(r) * self.reciprocal.load());
-        // Back substitution, from the last unknown to the first. In each row the unknown found last is subtracted last:
-        // only its product waits for the unknown.
+        // Back substitution, from the last unknown to the first. Each row subtracts the oldest unknown first: the other
+        // products are ready before the newest unknown is known, so only one multiplication follows it.
         let mut x = Column::ZERO;
         macro_rules! backward {
             ($($k:literal)+) => {
