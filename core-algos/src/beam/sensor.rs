@@ -1,5 +1,5 @@
 //! The relative position sensor: samples of the bridges in, posture of the front axle in the rear
-//! axle's frame out.
+//! axle's coordinates out.
 //!
 //! [`RelativePositionSensor::sample`] (1 kHz) sums the conversions and continues an unfinished fit.
 //! [`RelativePositionSensor::estimate`] (100 Hz) fits a line to the samples since the last estimate, or averages
@@ -128,7 +128,7 @@ impl Config {
 /// Posture from one set of strains, with the wrench, and the gauges and method used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
-    /// Front axle in the rear axle's frame.
+    /// Front axle in the rear axle's coordinates.
     pub relative: RelativePosture,
     /// End forces; `None` unless the elastica gave the posture.
     pub wrench: Option<Wrench>,
@@ -291,7 +291,7 @@ enum Purpose {
 /// Output of the sensor at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Front axle in the rear axle's frame; `None` with fewer than two healthy gauges. Valid at the end of the
+    /// Front axle in the rear axle's coordinates; `None` with fewer than two healthy gauges. Valid at the end of the
     /// period; without extrapolation, at the middle less the latency.
     pub relative: Option<RelativePosture>,
     /// End forces; `None` unless the elastica gave the posture.

@@ -179,7 +179,7 @@ impl GaugeMask {
 /// A posture with its covariance (m, m, rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePosture {
-    /// Front axle midpoint in the rear axle's frame.
+    /// Front axle midpoint in the rear axle's coordinates.
     pub posture: Posture,
     /// Covariance of (x, y, phi) in that frame.
     pub covariance: Mat3,

@@ -93,7 +93,7 @@ pub struct Motion {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AxleReference {
-    /// Posture of the axle's midpoint in the global frame (q_r).
+    /// Posture of the axle's midpoint in global coordinates (q_r).
     pub posture: Posture,
     /// Forward velocity and yaw rate (v_r).
     pub twist: Twist,

@@ -193,7 +193,7 @@ pub struct Command {
     pub scale: f32,
     /// False if an input was not finite; the torques are then zero.
     pub valid: bool,
-    /// Posture error `(e_X, e_Y, e_φ)` in the axle's frame (eq. 10): m, m, rad.
+    /// Posture error `(e_X, e_Y, e_φ)` in the axle's coordinates (eq. 10): m, m, rad.
     pub error: Posture,
     /// Velocity command v_c (eq. 9).
     pub velocity: Twist,

@@ -130,7 +130,7 @@ impl Tyres {
 pub struct IncrementInputs {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
-    /// Posture at the end of the increment in the axle's frame at its start (m, m, rad).
+    /// Posture at the end of the increment in the axle's coordinates at its start (m, m, rad).
     pub moved: Posture,
     /// Heading of the front axle less that of the rear.
     pub relative_heading: RelativeHeading,
@@ -234,7 +234,7 @@ impl IncrementInputs {
     }
 }
 
-/// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's frame) by the first [`OF_BEAM`]
+/// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's coordinates) by the first [`OF_BEAM`]
 /// constants, at the posture `relative`.
 ///
 /// The strip is taken as an arc, its shape under pure moments. Half angles avoid a division by its relative heading.

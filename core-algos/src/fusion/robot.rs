@@ -2,8 +2,8 @@
 //! on the lead node at a fixed tick.
 //!
 //! In: an odometric increment of each axle since the last tick, and the beam's relative posture
-//! (front axle in the rear axle's frame); any may be absent. Out: posture and covariance of both
-//! axles and of the robot's midpoint O in the global frame.
+//! (front axle in the rear axle's coordinates); any may be absent. Out: posture and covariance of both
+//! axles and of the robot's midpoint O in global coordinates.
 //!
 //! | mode | method |
 //! |---|---|
@@ -107,7 +107,7 @@ pub struct RobotFusion {
 /// Motion of one axle by its own odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Increment {
-    /// Posture reached, in the axle's frame at the start of the increment (m, m, rad).
+    /// Posture reached, in the axle's coordinates at the start of the increment (m, m, rad).
     pub posture: Posture,
     /// Covariance of the error: along and across the heading reached, in heading.
     pub covariance: Mat3,
@@ -154,7 +154,7 @@ pub struct Inputs {
     pub front: Option<Increment>,
     /// Odometry of the rear axle.
     pub rear: Option<Increment>,
-    /// Front axle's posture in the rear axle's frame, measured by the beam, with the covariance of
+    /// Front axle's posture in the rear axle's coordinates, measured by the beam, with the covariance of
     /// its noise.
     pub beam: Option<Estimate>,
 }
@@ -163,11 +163,11 @@ pub struct Inputs {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
-    /// Front axle (axle 1), global frame.
+    /// Front axle (axle 1), global coordinates.
     pub front: Estimate,
-    /// Rear axle (axle 2), global frame.
+    /// Rear axle (axle 2), global coordinates.
     pub rear: Estimate,
-    /// Midpoint O, heading from rear to front, global frame.
+    /// Midpoint O, heading from rear to front, global coordinates.
     pub robot: Estimate,
     /// The beam's update: verdict, innovation and NIS.
     pub beam: joint::BeamUpdate,
@@ -233,7 +233,7 @@ impl State {
 }
 
 impl RobotFusion {
-    /// Starts from O's posture and the front axle's posture in the rear axle's frame, each with its covariance.
+    /// Starts from O's posture and the front axle's posture in the rear axle's coordinates, each with its covariance.
     /// `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of the floor's
     /// axes.
     pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {

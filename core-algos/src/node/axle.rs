@@ -60,7 +60,7 @@ pub struct Output {
     pub torque_nm: Wheels<f32>,
     /// True if a reference is being followed; otherwise the motors are off.
     pub active: bool,
-    /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
+    /// Tracking error (e_X, e_Y, e_φ) in the axle's coordinates; zero when not active.
     pub error: Posture,
     /// True if a computed value was not finite.
     pub invalid: bool,

@@ -21,7 +21,7 @@ pub struct Elastica {
     pub steps: usize,
 }
 
-/// Root moment (N m) and end force (N, N; root frame), which determine an equilibrium.
+/// Root moment (N m) and end force (N, N; root coordinates), which determine an equilibrium.
 pub type Load = [f64; 3];
 
 /// End of the strip under a load, with derivatives: one integration along the strip.

@@ -8,7 +8,7 @@ use declare::{Allowed, Checked, ConfigError};
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Gravity into the floor (m/s²) and along the floor, in the global frame (m/s²).
+/// Gravity into the floor (m/s²) and along the floor, in global coordinates (m/s²).
 pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     let (slope, downhill) = (config.slope_rad, config.downhill_rad);
     let downslope = GRAVITY_M_S2 * libm::sin(slope);

@@ -1,5 +1,5 @@
 //! Independent reference of the plant: explicit fourth-order Runge–Kutta at a step far below every
-//! time constant, velocities in the global frame, the strip by shooting at every stage. The reference
+//! time constant, velocities in global coordinates, the strip by shooting at every stage. The reference
 //! checks the accuracy of [`super::Plant`], shares no code with its step, and is hundreds of times slower.
 //!
 //! Covers tyres of both kinds with stiction, rolling resistance, side slip and drift of the ground,

@@ -5,7 +5,7 @@ use super::geometry::Vec3;
 /// Posture, motion and wheel angles of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleState {
-    /// Midpoint (m, m) and heading (rad, not wrapped) in the global frame.
+    /// Midpoint (m, m) and heading (rad, not wrapped) in global coordinates.
     pub posture: Vec3,
     /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
     pub velocity: Vec3,

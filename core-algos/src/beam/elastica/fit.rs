@@ -9,7 +9,7 @@ use crate::math::trig::sin_cos;
 /// A fitted elastica.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
-    /// Front axle in the rear axle's frame.
+    /// Front axle in the rear axle's coordinates.
     pub relative: RelativePosture,
     /// End forces.
     pub wrench: Wrench,

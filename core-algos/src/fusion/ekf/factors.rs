@@ -69,7 +69,7 @@ pub(super) struct Motion {
     /// Sine and cosine of the midpoint heading.
     pub sin: f32,
     pub cos: f32,
-    /// Displacement in the global frame.
+    /// Displacement in global coordinates.
     pub dx: f32,
     pub dy: f32,
 }

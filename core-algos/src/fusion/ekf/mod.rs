@@ -1,6 +1,6 @@
 //! Axle-level filter: an extended Kalman filter of seven states (paper eq. 16–19).
 //!
-//! State x, y, φ, v, φ̇, v̇, φ̈: posture of the axle's midpoint in the global frame (m, m, rad), its
+//! State x, y, φ, v, φ̇, v̇, φ̈: posture of the axle's midpoint in global coordinates (m, m, rad), its
 //! forward speed and yaw rate (m/s, rad/s) and their derivatives (m/s², rad/s²), counter-clockwise
 //! positive. Motion model over one period T, constant accelerations, midpoint heading:
 //! ds = v T + v̇ T²/2, dφ = φ̇ T + φ̈ T²/2, position advanced by ds along φ + dφ/2, φ += dφ,
