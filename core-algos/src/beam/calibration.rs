@@ -100,7 +100,7 @@ impl Config {
 }
 
 impl PerGauge {
-    /// List with the first values of `values`, as many as `self` has.
+    /// Copy of this list with its numbers replaced by those at the front of `values`.
     fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
         values
             .get(..self.count())

@@ -46,15 +46,15 @@ use crate::config::{ConfigError, declare, in_range};
 use crate::math::matrix::scale;
 use period::Period;
 
-/// Limit of the integrations of the elastica (*shapes*) for a fit without one gauge.
+/// Largest number of integrations of the elastica (*shapes*) for a fit that leaves one gauge out.
 const SEARCH_BUDGET: u8 = 16;
-/// Limit of the integrations of the elastica in the tick of an estimate. Four are enough for all fits except one in
-/// thousands.
+/// Largest number of integrations of the elastica in the tick of an estimate. Four are enough for all fits except one
+/// in thousands.
 const TICK_BUDGET: u8 = 5;
-/// Limit of the integrations of the elastica in a tick that continues a fit. The limit is lower because other starts
-/// and the end of a search take longer than the number of integrations they count as.
+/// Largest number of integrations of the elastica in a tick that continues a fit. The number is lower because other
+/// starts, and the end of a search, take longer than the integrations that they count as.
 const WORK_BUDGET: u8 = 4;
-/// Limit of the integrations of the elastica to begin a fit.
+/// Largest number of integrations of the elastica to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
 /// Largest ratio of the weighted sum of squared residuals to the degrees of freedom that the stated uncertainties

@@ -276,7 +276,7 @@ impl Config {
     }
 }
 
-/// The kinematic controller, ready to run. It has no state.
+/// Kinematic controller with checked gains. It has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     config: Config,

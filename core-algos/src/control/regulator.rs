@@ -49,7 +49,7 @@ pub struct Input {
     pub steering: Steering,
     /// Velocity of O that the governor commands now, m/s.
     pub speed_m_s: f32,
-    /// Goal posture of O, in the frame of `posture`.
+    /// Goal posture of O, in the coordinates of `posture`.
     pub goal: Posture,
     /// Tolerance of the goal.
     pub within: Tolerance,
@@ -200,8 +200,8 @@ impl Regulator {
         state.stuck.step(under_way, input.posture, dt) >= STUCK_S
     }
 
-    /// True if a stuck robot outside the tolerance has not moved since it was last stuck, or since the task began:
-    /// the obstacle stays.
+    /// True if the robot is stuck outside the tolerance at the place where it was stuck before, or where the task
+    /// began: the obstacle stays.
     fn is_blocked(&self, state: &mut State, input: &Input) -> bool {
         let before = state.stuck_at.replace(input.posture);
         let again = before.is_some_and(|at| input.posture.distance(at) <= SAME_PLACE_M);

@@ -72,7 +72,7 @@ impl Config {
     }
 }
 
-/// Input of the loop at a step.
+/// Commanded torque and measurements of one PWM period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Commanded wheel torque, N m.

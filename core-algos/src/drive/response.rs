@@ -70,7 +70,7 @@ impl State {
     }
 }
 
-/// The monitor of one motor.
+/// Monitor of one motor: checks that current and speed explain the applied voltage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     resistance: f32,

@@ -37,7 +37,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Chain of `base` and `q`, a posture in the frame of `base`. `q_by_relative` is the derivative of `q` with respect
+    /// Chain of `base` and `q`, a posture relative to `base`. `q_by_relative` is the derivative of `q` with respect
     /// to the relative posture.
     fn new(base: Posture, q: Posture, q_by_relative: &Mat3) -> Self {
         let (by_base, by_q) = base.compose_jacobians(q);

@@ -85,7 +85,7 @@ impl Config {
     }
 }
 
-/// Covariance intersection, ready to run. It has no state.
+/// Covariance intersection with checked parameters. It has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intersection {
     criterion: Criterion,
@@ -93,7 +93,7 @@ pub struct Intersection {
     weights: Vec3,
 }
 
-/// Result of covariance intersection.
+/// Fused estimate, with the weight of each input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fused {
     /// Weight ω of the information of `a`, 0 to 1; the information of `b` has the weight 1 − ω.
@@ -123,7 +123,7 @@ impl From<&Estimate> for ExtendedEstimate {
 }
 
 impl Intersection {
-    /// The intersection of two estimates in one frame. `None` unless both covariances are positive
+    /// The intersection of two estimates in the same coordinates. `None` unless both covariances are positive
     /// definite and all numbers finite.
     pub fn fuse(&self, a: &Estimate, b: &Estimate) -> Option<Fused> {
         self.fuse_extended(&a.into(), &b.into())
@@ -162,7 +162,7 @@ fn dot(a: &Vec3, b: &Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// `L D Lᵀ` of a symmetric matrix, L unit lower.
+/// Factorisation `L D Lᵀ` of a symmetric matrix, L unit lower triangular.
 struct Factor {
     l10: f64,
     l20: f64,

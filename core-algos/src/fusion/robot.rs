@@ -80,7 +80,7 @@ const WALK_TIME_S: f32 = 30.0;
 /// Ticks between two times that the joint filter's covariance is conditioned.
 const CONDITION_INTERVAL: u8 = 64;
 
-/// Fusion of both axles and the beam on the lead node, ready to run.
+/// Fusion of both axles and the beam on the lead node, with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobotFusion {
     mode: Mode,

@@ -94,7 +94,7 @@ pub struct State {
 /// The reference of an axle during the stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// Posture, in the frame of the reference at the beginning of the stop.
+    /// Posture, in the coordinates of the reference posture at the beginning of the stop.
     pub posture: Posture,
     /// Forward speed (m/s) and yaw rate (rad/s).
     pub twist: Twist,

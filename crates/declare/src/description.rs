@@ -42,7 +42,7 @@ pub struct Choice {
     pub doc: &'static str,
 }
 
-/// Type of a key in a file.
+/// Type that a key of a configuration file may have.
 pub trait Declared {
     /// Kind of the values of this type.
     const KIND: Kind;

@@ -346,7 +346,7 @@ impl Plant {
         }
     }
 
-    /// Advances by `h` (s). Gives false, with the state unchanged, if the error is too large and `force` is not set.
+    /// Advances by `h` (s). Returns false, with the state unchanged, if the error is too large and `force` is not set.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one formula")]
     fn advance<V: Lanes, const N: usize, const F: usize, const G: usize>(

@@ -21,7 +21,7 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     )
 }
 
-/// Inertia of one axle with payload and sensing, about the axle's midpoint.
+/// Mass and moments of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Mass of the axle, kg.
@@ -93,8 +93,8 @@ impl Body {
         add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
     }
 
-    /// Converts a load in the frame of a body that has turned since the start of the step. The result gives the same
-    /// acceleration with the mass matrix at the start of the step.
+    /// Converts a load in the coordinates of a body that has turned since the start of the step. The converted load
+    /// gives the same acceleration with the mass matrix at the start of the step.
     #[inline(always)]
     pub fn turned(&self, load: &Vec3, turn: [f64; 2]) -> Vec3 {
         if self.moment == [0.0; 2] {

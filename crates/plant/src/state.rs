@@ -38,7 +38,7 @@ pub struct Wrench {
     pub end_moment: f64,
 }
 
-/// Counters of the solution of the frames since the robot was placed.
+/// Counts of the work to solve the frames' equilibria, since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
     /// Number of substeps taken.

@@ -335,7 +335,7 @@ impl State {
         self.posture[PHI] = self.posture[PHI].wrapped_once();
     }
 
-    /// Moves the origin of the frame: the position grows by `by`, m, and the covariance stays.
+    /// Moves the origin of the coordinates: the position grows by `by`, m, and the covariance stays.
     pub fn shift(&mut self, by: [f32; 2]) {
         for (position, by) in self.posture.iter_mut().zip(by) {
             *position = position.advanced(by);

@@ -113,7 +113,7 @@ impl Factor {
     }
 }
 
-/// Integrands along the strip.
+/// Integrands at the twelve quadrature nodes along the strip.
 pub(super) struct Points<V> {
     pub sin: Twelve<V>,
     pub cos: Twelve<V>,
@@ -331,7 +331,8 @@ impl Strip {
         norm(correction)
     }
 
-    /// One correction of `z` with the factors in `e`. Returns the size of the correction and the end moment.
+    /// One Newton correction of the unknowns `z`, with the matrix that is factored in `e`. Returns the size of the
+    /// correction and the end moment.
     #[inline(always)]
     pub(super) fn polish<V: Lanes>(
         &self,
