@@ -29,7 +29,7 @@ impl ThermistorConfig {
     }
 }
 
-/// A validated thermistor channel.
+/// Thermistor channel with checked constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thermistor {
     per_b: f32,
@@ -76,7 +76,7 @@ impl SupplyConfig {
     }
 }
 
-/// A validated voltage channel.
+/// Channel of the supply voltage with checked constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Supply {
     volts_per_count: f32,

@@ -389,7 +389,7 @@ impl Config {
     }
 }
 
-/// A validated strip.
+/// Strip with its gauges and their uncertainty, with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strip {
     /// Flexible length, m.
@@ -417,7 +417,7 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Gauges of the strip.
+    /// All gauges fitted to the strip.
     pub fn gauges(&self) -> GaugeMask {
         self.gauges
     }

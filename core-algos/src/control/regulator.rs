@@ -142,7 +142,7 @@ pub struct Regulator {
 }
 
 impl Regulator {
-    /// One step, every epoch ([`EPOCH_S`]).
+    /// Runs one step; to be called once an epoch ([`EPOCH_S`]).
     pub fn tick(&self, state: &mut State, input: &Input) -> Output {
         if !(input.posture.is_finite() && input.goal.is_finite()) {
             return self.stand(state);

@@ -80,7 +80,7 @@ pub struct Zeroing {
     squares: u64,
 }
 
-/// Result of a zeroing.
+/// Outcome of a zeroing after a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Zeroed {
     /// Not enough samples yet.

@@ -266,7 +266,7 @@ impl LeadNode {
         &self.state.supervisor
     }
 
-    /// Activity of the robot.
+    /// Activity of the robot, on which the action of its button depends.
     pub fn activity(&self, now: Micros) -> Activity {
         let (_, failed) = self.state.peers.others(Node::Lead, ROBOT, now);
         let faulted = failed || self.state.supervisor.operating() == OperatingState::Fault;

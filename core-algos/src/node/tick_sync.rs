@@ -155,7 +155,7 @@ impl TickSync {
         self.missed
     }
 
-    /// Restarts of the nodes, saturating.
+    /// Number of restarts of the nodes, at most 65 535.
     pub fn restarts(&self) -> u16 {
         self.restarts
     }

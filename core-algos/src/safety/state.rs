@@ -38,7 +38,7 @@ wire_enum! {
 }
 
 impl OperatingState {
-    /// Permit of the motors.
+    /// What the motors may do in this state.
     pub const fn permit(self) -> Permit {
         match self {
             Self::Boot | Self::Idle | Self::Fault => Permit::Off,
@@ -49,7 +49,7 @@ impl OperatingState {
     }
 }
 
-/// Permit of the motors.
+/// What the motors may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Permit {

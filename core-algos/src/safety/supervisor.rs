@@ -171,7 +171,7 @@ pub struct Input {
     pub halted: bool,
 }
 
-/// Decision of the supervisor.
+/// Operating state after a tick, and what the motors may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {

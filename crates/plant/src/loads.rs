@@ -169,7 +169,7 @@ impl Loads {
         self.now.clone_from(&self.at_rest);
     }
 
-    /// True if acceleration shifts the loads.
+    /// True if acceleration shifts load between the wheels: the centre of mass is above the floor.
     #[inline(always)]
     pub fn shift(&self) -> bool {
         self.height > 0.0

@@ -27,7 +27,7 @@ impl Segment {
     }
 }
 
-/// Segments that lead into the funnel.
+/// At most two segments that lead into the funnel, and the direction of approach from there.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Plan {
     pub(super) first: Option<Segment>,

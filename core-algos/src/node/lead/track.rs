@@ -46,7 +46,7 @@ impl AxleReport {
     }
 }
 
-/// Values of the latest epochs.
+/// Values of the latest `EPOCHS` epochs, found by the time at which the epoch began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
 
