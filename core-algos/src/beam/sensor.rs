@@ -252,7 +252,7 @@ pub struct RelativePositionSensor {
 pub struct State {
     periods: [Period; MAX_GAUGES],
     health: health::State,
-    /// Periods since the start, over which the zeros drift.
+    /// Number of periods since the node's start, over which the zeros drift.
     age: u32,
     /// Strain of each gauge at the last estimate. `good` holds the gauges whose strain is valid.
     strain: [f32; MAX_GAUGES],

@@ -15,7 +15,7 @@ pub struct Stuck {
 }
 
 impl Stuck {
-    /// Counter before the first observation.
+    /// Counter at zero, before the first posture.
     pub const NEW: Self = Self {
         at: Posture::ORIGIN,
         time_s: 0.0,

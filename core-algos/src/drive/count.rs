@@ -19,7 +19,7 @@ impl Extended {
         }
     }
 
-    /// Takes the counter; returns the count since the start, which wraps as an `i32`.
+    /// Takes the counter; returns the count since [`Self::starting_at`], which wraps as an `i32`.
     pub fn step(&mut self, counter: u16) -> i32 {
         let moved = counter.wrapping_sub(self.last) as i16;
         self.last = counter;

@@ -209,7 +209,7 @@ pub struct State {
     beam: Beam,
 }
 
-/// Latest accepted measurement of the beam, and number of rejections since.
+/// Latest accepted measurement of the beam, and number of measurements rejected after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
     /// Last accepted relative posture.

@@ -196,7 +196,7 @@ pub struct RunLink {
     answer: SerialFrame,
     /// Request number of an order that is being carried out.
     pending: Option<u8>,
-    /// True after the first hello since the start.
+    /// True once a host has sent a hello since the board's start.
     hello_received: bool,
     /// Destination of a relayed request whose reply is awaited.
     relaying: Option<Role>,

@@ -121,7 +121,7 @@ pub struct State {
     gyro_samples: u8,
     gyro_zeroed: bool,
     mode: Option<Stamped<LeadMode>>,
-    /// True once the lead node has sent the mode idle or clear since the start.
+    /// True once the lead node has sent the mode idle or clear since this node's start.
     paused: bool,
     steering: Steering,
     velocity: f32,

@@ -115,7 +115,7 @@ pub struct State {
     /// Memory of the user's controller.
     memory: Memory,
     governor: governor::State,
-    /// True if the task is fulfilled, as of the last step.
+    /// True if the task was fulfilled at the latest step.
     done: bool,
     /// Reason for which the task ended without success; stays until the next task.
     failed: Option<Condition>,
@@ -125,7 +125,7 @@ pub struct State {
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
-    /// Goal of the regulation or target on the path, as of the last step; `None` for other tasks.
+    /// Goal of the regulation, or target on the path at the latest step; `None` for other tasks.
     aim: Option<Posture>,
     /// Time for which the motors have held the robot in place.
     held: Micros,

@@ -98,7 +98,7 @@ pub struct State {
     last: Option<Micros>,
     /// Time that each condition has held without a break, µs.
     held: [u32; BITS],
-    /// Conditions that held at the last step.
+    /// Conditions in the input of the latest step, with or without their hold time.
     holding: Conditions,
     /// Conditions that have held for their hold time.
     present: Conditions,

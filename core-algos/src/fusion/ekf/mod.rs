@@ -245,7 +245,7 @@ pub struct State {
     /// Motion states v, φ̇ (m/s, rad/s) and v̇, φ̈ (m/s², rad/s²).
     motion: [f32; M],
     covariance: Covariance,
-    /// Number of the last step within the upkeep period.
+    /// Number of the latest step within the period of the covariance upkeep.
     upkeep: u8,
     /// Numbers of samples rejected since the start.
     pub counters: Counters,
