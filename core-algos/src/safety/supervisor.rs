@@ -98,7 +98,7 @@ pub struct State {
     last: Option<Micros>,
     /// Time that each condition has held without a break, µs.
     held: [u32; BITS],
-    /// Conditions in the input of the latest step, with or without their hold time.
+    /// Conditions that held at the latest step, even if for less than their hold time.
     holding: Conditions,
     /// Conditions that have held for their hold time.
     present: Conditions,
