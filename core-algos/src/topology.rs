@@ -120,7 +120,7 @@ impl<T> From<[T; 2]> for Wheels<T> {
     }
 }
 
-/// A board of the robot.
+/// Role of a board: the axle or frame that it serves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Board of an axle.

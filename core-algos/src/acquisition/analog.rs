@@ -29,14 +29,14 @@ impl ThermistorConfig {
     }
 }
 
-/// A validated thermistor channel.
+/// Thermistor channel with checked constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thermistor {
     per_b: f32,
     ratio: f32,
 }
 
-/// 25 °C, K.
+/// Temperature of the nominal resistance R₂₅, 25 °C, in K.
 const T25_K: f32 = 298.15;
 
 impl Thermistor {
@@ -76,7 +76,7 @@ impl SupplyConfig {
     }
 }
 
-/// A validated voltage channel.
+/// Channel of the supply voltage with checked constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Supply {
     volts_per_count: f32,

@@ -89,7 +89,7 @@ struct Write {
     pause: u8,
 }
 
-/// A write of a whole register.
+/// Write of all bits of a register; the next write follows after `pause` ms.
 const fn write(address: u8, value: u8, pause: u8) -> Write {
     Write {
         address,
@@ -150,7 +150,7 @@ const CHECKED: [(u8, u8, u8); 9] = [
 ];
 /// Number of sample reads between two read-backs of a register.
 pub const CHECK_EVERY: u8 = 16;
-/// Equal samples in a row after which the sensor is lost: six noisy channels do not repeat.
+/// Number of equal samples in a row after which the sensor counts as lost: the noise of six channels does not repeat.
 const STUCK: u8 = 50;
 /// Delay before the set-up is repeated after a wrong identity, ms.
 const RETRY: u8 = 100;
@@ -168,7 +168,7 @@ pub struct Reading {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// State of the driver.
+/// Phase of the driver: setting the sensor up, or reading samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// `wait` milliseconds remain until write `next` of the set-up.
@@ -206,7 +206,7 @@ impl Icm42688 {
         })
     }
 
-    /// True if the sensor is lost: a check failed, and the biases are not found again yet.
+    /// True from a failed check until both biases are found again: the sensor is lost.
     pub fn is_lost(&self) -> bool {
         self.lost
     }

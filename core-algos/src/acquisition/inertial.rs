@@ -63,7 +63,7 @@ impl Config {
     }
 }
 
-/// Reason for the rejection of a window.
+/// Reason why a window of samples is not used for the bias.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// The window's standard deviation is too large: the robot shakes or turns.

@@ -5,7 +5,7 @@
 /// Number of readings in a window, one a millisecond.
 pub const WINDOW: u16 = 10_000;
 
-/// Sums of the window in progress.
+/// Noise of the bridges at rest, from sums over the window in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RestNoise<const N: usize> {
     first: [i32; N],

@@ -100,7 +100,7 @@ impl Config {
 }
 
 impl PerGauge {
-    /// List with the first values of `values`, as many as `self` has.
+    /// Copy of this list with its numbers replaced by those at the front of `values`.
     fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
         values
             .get(..self.count())
@@ -109,7 +109,7 @@ impl PerGauge {
     }
 }
 
-/// Validity of a single count.
+/// Class of a single count: usable, or why not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conversion {
     /// A count inside the converter's range.
@@ -120,7 +120,7 @@ pub enum Conversion {
     Missing,
 }
 
-/// Validated calibration.
+/// Calibration with checked constants, which converts counts to strains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     lowest: i32,
@@ -133,7 +133,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Validity of one raw count of the converter.
+    /// Classifies one raw count of the converter: good, saturated or missing.
     pub fn classify(&self, count: i32) -> Conversion {
         if !(0..=self.full_scale).contains(&count) {
             Conversion::Missing

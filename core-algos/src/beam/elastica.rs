@@ -25,7 +25,7 @@ use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, predicte
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
-/// Limit of the integrations of the elastica (*shapes*) for one fit.
+/// Largest number of integrations of the elastica (*shapes*) for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
 /// Predicted decrease of the cost, in squared standard deviations of the parameters, below which a step is the last:
 /// this step is shorter than a tenth of a standard deviation.

@@ -22,7 +22,7 @@
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, declare, require};
 
-/// Fault of a gauge.
+/// State of a gauge by its monitor: sound, or the kind of its fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fault {
     /// No fault.
@@ -85,13 +85,13 @@ impl Config {
     }
 }
 
-/// Validated health monitor.
+/// Monitor of the gauges, with checked limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
     pub(super) config: Config,
 }
 
-/// State of the monitor.
+/// Faults found so far, and the counts and verdicts that lead to the next fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     faults: [Fault; MAX_GAUGES],

@@ -1,6 +1,6 @@
 //! The instrumented frame: from strains to the relative posture of the axles (paper eq. 11–15).
 //!
-//! [`calibration`] turns bridge counts into strains. The posture of the front axle in the rear axle's frame is
+//! [`calibration`] turns bridge counts into strains. The posture of the front axle in the rear axle's coordinates is
 //! computed from the strains by [`polynomial`], as in the paper, or by [`elastica`], with the mechanics of the strip.
 //! [`health`] excludes failed gauges. [`RelativePositionSensor`] runs the whole chain: one call a sample, one call a
 //! posture.
@@ -13,7 +13,7 @@
 //! # Conventions
 //!
 //! Root at the rear axle, tip at the front axle; the posture is the front axle's in the rear
-//! axle's frame, rigid ends included. Strain > 0 ⇔ curvature > 0 ⇔ the strip bends left seen from
+//! axle's coordinates, rigid ends included. Strain > 0 ⇔ curvature > 0 ⇔ the strip bends left seen from
 //! the root; curvature = strain / half thickness (paper eq. 13). Gauge positions are measured from
 //! the root of the flexible length.
 

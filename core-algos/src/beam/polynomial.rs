@@ -102,7 +102,7 @@ impl Interpolant {
         })
     }
 
-    /// Gauges of the interpolant.
+    /// Gauges through whose curvatures the polynomial passes.
     pub fn mask(&self) -> GaugeMask {
         self.mask
     }
@@ -160,7 +160,7 @@ pub struct Quadrature {
 }
 
 impl Quadrature {
-    /// The weights for `interpolant` on `strip`.
+    /// Weights of the gauges' curvatures in the tip's posture, for the polynomial `interpolant` on `strip`.
     pub fn new(strip: &Strip, interpolant: Interpolant) -> Self {
         let integral = |end: f32| {
             let half = 0.5 * (end + 1.0);

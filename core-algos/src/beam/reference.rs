@@ -43,7 +43,7 @@ pub struct Elastica {
     pub force: [f64; 2],
 }
 
-/// Shape of an elastica.
+/// True shape of a strip under an end force, for comparison with a fit.
 #[derive(Clone, Debug)]
 pub struct Bent {
     /// Curvature at each place of `at`.

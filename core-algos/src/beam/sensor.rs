@@ -1,5 +1,5 @@
 //! The relative position sensor: samples of the bridges in, posture of the front axle in the rear
-//! axle's frame out.
+//! axle's coordinates out.
 //!
 //! [`RelativePositionSensor::sample`] (1 kHz) sums the conversions and continues an unfinished fit.
 //! [`RelativePositionSensor::estimate`] (100 Hz) fits a line to the samples since the last estimate, or averages
@@ -46,15 +46,15 @@ use crate::config::{ConfigError, declare, in_range};
 use crate::math::matrix::scale;
 use period::Period;
 
-/// Limit of the integrations of the elastica (*shapes*) for a fit without one gauge.
+/// Largest number of integrations of the elastica (*shapes*) for a fit that leaves one gauge out.
 const SEARCH_BUDGET: u8 = 16;
-/// Limit of the integrations of the elastica in the tick of an estimate. Four are enough for all fits except one in
-/// thousands.
+/// Largest number of integrations of the elastica in the tick of an estimate. Four are enough for all fits except one
+/// in thousands.
 const TICK_BUDGET: u8 = 5;
-/// Limit of the integrations of the elastica in a tick that continues a fit. The limit is lower because other starts
-/// and the end of a search take longer than the number of integrations they count as.
+/// Largest number of integrations of the elastica in a tick that continues a fit. The number is lower because other
+/// starts, and the end of a search, take longer than the integrations that they count as.
 const WORK_BUDGET: u8 = 4;
-/// Limit of the integrations of the elastica to begin a fit.
+/// Largest number of integrations of the elastica to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
 /// Largest ratio of the weighted sum of squared residuals to the degrees of freedom that the stated uncertainties
@@ -128,7 +128,7 @@ impl Config {
 /// Posture from one set of strains, with the wrench, and the gauges and method used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution {
-    /// Front axle in the rear axle's frame.
+    /// Front axle in the rear axle's coordinates.
     pub relative: RelativePosture,
     /// End forces; `None` unless the elastica gave the posture.
     pub wrench: Option<Wrench>,
@@ -236,7 +236,7 @@ impl PostureSolver {
     }
 }
 
-/// Validated sensor.
+/// Relative position sensor with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePositionSensor {
     /// Variance that the random walk of a gauge's zero adds in a period, strain².
@@ -247,12 +247,12 @@ pub struct RelativePositionSensor {
     monitor: Monitor,
 }
 
-/// State of the sensor.
+/// What the sensor keeps between samples and from one estimate to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: [Period; MAX_GAUGES],
     health: health::State,
-    /// Periods since the start, over which the zeros drift.
+    /// Number of periods since the node's start, over which the zeros drift.
     age: u32,
     /// Strain of each gauge at the last estimate. `good` holds the gauges whose strain is valid.
     strain: [f32; MAX_GAUGES],
@@ -277,7 +277,7 @@ struct Work {
     search: Option<Search>,
 }
 
-/// Purpose of a fit.
+/// Purpose of a fit that continues with the next samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Purpose {
     /// Fit of the estimate itself. The next estimate starts from the result.
@@ -291,7 +291,7 @@ enum Purpose {
 /// Output of the sensor at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Front axle in the rear axle's frame; `None` with fewer than two healthy gauges. Valid at the end of the
+    /// Front axle in the rear axle's coordinates; `None` with fewer than two healthy gauges. Valid at the end of the
     /// period; without extrapolation, at the middle less the latency.
     pub relative: Option<RelativePosture>,
     /// End forces; `None` unless the elastica gave the posture.
@@ -313,7 +313,7 @@ pub struct Estimate {
 }
 
 impl RelativePositionSensor {
-    /// Strip of the sensor.
+    /// Strip that carries the gauges.
     pub fn strip(&self) -> &Strip {
         self.posture.strip()
     }

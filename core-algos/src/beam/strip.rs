@@ -179,7 +179,7 @@ impl GaugeMask {
 /// A posture with its covariance (m, m, rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePosture {
-    /// Front axle midpoint in the rear axle's frame.
+    /// Front axle midpoint in the rear axle's coordinates.
     pub posture: Posture,
     /// Covariance of (x, y, phi) in that frame.
     pub covariance: Mat3,
@@ -389,7 +389,7 @@ impl Config {
     }
 }
 
-/// A validated strip.
+/// Strip with its gauges and their uncertainty, with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strip {
     /// Flexible length, m.
@@ -417,7 +417,7 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Gauges of the strip.
+    /// All gauges fitted to the strip.
     pub fn gauges(&self) -> GaugeMask {
         self.gauges
     }

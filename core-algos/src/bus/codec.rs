@@ -144,7 +144,7 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     })
 }
 
-/// The message in a frame.
+/// Message that a frame carries; an error for an unknown identifier, a wrong length or an undefined value.
 pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
     let layout = layout::find(frame.id).ok_or(DecodeError::UnknownId(frame.id))?;
     if frame.length != layout.bytes() {

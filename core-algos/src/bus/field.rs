@@ -17,7 +17,7 @@ pub const POSITION_SPAN_M: f32 = POSITION_STEP_M * (1 << POSITION_BITS) as f32;
 const UNKNOWN_DELAY: u16 = u16::MAX;
 /// Largest number of signals in a message.
 pub(super) const MAX_SIGNALS: usize = 7;
-/// Values of the signals of a message.
+/// Physical values of a message's signals, in the order of the signals; entries beyond the last signal are unused.
 pub(super) type Values = [f32; MAX_SIGNALS];
 
 wire_enum! {

@@ -21,7 +21,7 @@ pub struct OnBus {
     pub id: u16,
     /// Layout of the message.
     pub layout: &'static Layout,
-    /// Sender.
+    /// Node that sends the message.
     pub sender: Node,
     /// Suffix of the name: axle, frame, board or node; empty for a message of the robot.
     suffix: &'static str,

@@ -156,7 +156,7 @@ pub(super) trait Placed: Sized {
     fn at(offset: u16) -> Option<Self>;
 }
 
-/// Offset of the board of the first frame.
+/// Offset of the first frame's board; the boards of the axles have the offsets below.
 const FRAMES: u16 = 0x10;
 
 impl Placed for AxleId {

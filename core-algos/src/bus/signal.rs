@@ -131,13 +131,13 @@ pub struct Layout {
     pub meaning: &'static str,
     /// Kind of the message.
     pub of: Of,
-    /// Sender.
+    /// Sender of the message: one fixed node, or the owner.
     pub sender: Sender,
     /// Period, ms; 0 if the message is sent only on request.
     pub period_ms: u16,
     /// Timeout: age from which the content is not used, ms; 0 if there is none.
     pub timeout_ms: u16,
-    /// Signals in order.
+    /// Signals in the order of the message's fields.
     pub signals: &'static [Signal],
 }
 

@@ -93,7 +93,7 @@ pub struct Motion {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AxleReference {
-    /// Posture of the axle's midpoint in the global frame (q_r).
+    /// Posture of the axle's midpoint in global coordinates (q_r).
     pub posture: Posture,
     /// Forward velocity and yaw rate (v_r).
     pub twist: Twist,
@@ -112,7 +112,7 @@ pub struct SteeringMotion {
     pub acceleration: f32,
 }
 
-/// The cascade connection of one frame.
+/// Cascade connection of one frame: from the motion of O to the references of both axles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
     arc: Arc,

@@ -193,7 +193,7 @@ pub struct Command {
     pub scale: f32,
     /// False if an input was not finite; the torques are then zero.
     pub valid: bool,
-    /// Posture error `(e_X, e_Y, e_φ)` in the axle's frame (eq. 10): m, m, rad.
+    /// Posture error `(e_X, e_Y, e_φ)` in the axle's coordinates (eq. 10): m, m, rad.
     pub error: Posture,
     /// Velocity command v_c (eq. 9).
     pub velocity: Twist,
@@ -205,11 +205,11 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Mean wheel torque per acceleration; in the next two fields per velocity error and per frame force.
+    /// Mean wheel torque per acceleration. The next two fields: per velocity error, per frame force.
     mass: f32,
     velocity_gain: f32,
     force_share: f32,
-    /// Half the difference of the torques per yaw acceleration; in the next two fields per yaw rate error and per frame
+    /// Half the difference of the torques per yaw acceleration. The next two fields: per yaw rate error, per frame
     /// moment.
     yaw_inertia: f32,
     yaw_rate_gain: f32,

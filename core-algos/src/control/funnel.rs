@@ -18,7 +18,7 @@ use crate::math::trig::{atan2, sin, sinc, sqrt};
 
 /// Weight w of |η| in the funnel, and gain p of the law that keeps the funnel.
 pub const ARRIVAL_WEIGHT: f32 = 3.0;
-/// Greatest |α| (+ |η| where αη < 0), rad.
+/// Greatest |α| in the funnel, rad; where αη < 0, greatest |α| + |η|.
 pub const MAX_BEARING_RAD: f32 = 2.4;
 
 /// Curvature (1/m) that the funnel needs at `error`: the error lies in the funnel of κ_d if this curvature is at most

@@ -195,12 +195,12 @@ impl GovernorInput {
     }
 }
 
-/// State of the governor: the reference, and the rest timer of a change of direction.
+/// What the governor keeps: the reference, and the time at rest before a change of direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// The smooth reference.
     pub motion: Motion,
-    /// Time since v became zero, s; 0 in motion. The timer ends at a limit that exceeds the reversal hold.
+    /// Time since v became zero, s; 0 in motion. It stops counting at a limit that exceeds the reversal hold.
     pub rest_s: f32,
     /// Direction in which O last moved: 1, −1, or 0 before the first motion.
     pub direction: f32,
@@ -223,7 +223,7 @@ impl State {
     }
 }
 
-/// The reference governor.
+/// Reference governor with checked limits: turns commands into a reference within the limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Governor {
     config: Config,
@@ -238,7 +238,7 @@ pub struct Governor {
     per_steering_tolerance: f32,
     /// Twice the largest |ψ̈|, rad/s².
     twice_bending: f32,
-    /// Upper limit of the rest timer, s.
+    /// Value at which [`State::rest_s`] stops counting, s.
     longest_rest: f32,
     /// Distance to the limit of ψ, rad, above which only the limit of the rate applies.
     free: f32,

@@ -48,14 +48,15 @@ pub const MIN_SPEED_M_S: f32 = 1e-6;
 declare! {
     /// Denominator of the velocity in eq. 4.
     pub enum Form, default Derived {
-        /// `e s cos α + r√2 sin 2θ sin α`: derived from the Lyapunov condition δ̇ = −k1 tanh δ.
+        /// Denominator `e s cos α + r√2 sin 2θ sin α`, derived from the Lyapunov condition δ̇ = −k1 tanh δ, with the
+        /// distance δ from the circular path manifold.
         Derived = "derived",
-        /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
+        /// Denominator `e s + r√2 sin 2θ sin α`, as the paper prints it, without `cos α`.
         Printed = "printed",
     }
 }
 
-/// End of the robot that leads.
+/// Direction of driving: the end of the robot that goes first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -214,7 +215,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// No motion, straight.
+    /// Command to stand, with zero curvature.
     pub const REST: Self = Self {
         v: 0.0,
         kappa: 0.0,
@@ -235,7 +236,7 @@ pub struct Reference {
     pub posture: Posture,
     /// Velocity of R along its heading, m/s (v_r); 0 for posture regulation.
     pub v: f32,
-    /// Curvature of R's path, 1/m (κ_r).
+    /// Curvature of the path of the reference frame R, 1/m (κ_r).
     pub kappa: f32,
 }
 
@@ -275,7 +276,7 @@ impl Config {
     }
 }
 
-/// The kinematic controller, ready to run. It has no state.
+/// Kinematic controller with checked gains. It has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     config: Config,

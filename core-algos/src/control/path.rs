@@ -173,14 +173,14 @@ impl SteeringLaw {
     }
 }
 
-/// Progress along a path.
+/// Progress of O along a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// Arc length of the point of the path nearest to O, m. Never decreases.
     pub s: f32,
     /// True if the robot has been found on the path.
     pub started: bool,
-    /// True if the end has been reached; stays true.
+    /// True once O has reached the end of the path.
     pub finished: bool,
 }
 
@@ -385,7 +385,7 @@ pub struct TrajectoryReference {
     pub acceleration: f32,
     /// Steering rate along the trajectory, rad/s: feedforward for the governor.
     pub psi_rate: f32,
-    /// True if the last known point has been reached.
+    /// True from the time of the last known point on.
     pub finished: bool,
 }
 

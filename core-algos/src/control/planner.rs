@@ -119,7 +119,7 @@ impl Pose {
     }
 }
 
-/// Stage of the search.
+/// Stage of the search, and the candidate to try next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// Plans of one segment: index of the segment's motion in [`MOTIONS`], and its length in grid steps.
@@ -162,7 +162,7 @@ impl Stage {
     }
 }
 
-/// Result of a call of [`Planner::step`].
+/// Outcome of a search so far, after a call of [`Planner::step`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
     /// The search goes on.
@@ -205,7 +205,7 @@ impl Search {
     }
 }
 
-/// The planner, ready to run.
+/// Planner with checked parameters and precomputed grid steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planner {
     config: Config,
@@ -223,7 +223,7 @@ impl Planner {
         self.curvature
     }
 
-    /// A search from `posture` (m, rad) to `goal`, both in the same frame.
+    /// A search from `posture` (m, rad) to `goal`, both in the same coordinates.
     pub fn start(&self, posture: Posture, goal: Posture) -> Search {
         let relative = posture.relative_to(goal);
         let (sin, cos) = sin_cos(relative.phi);

@@ -49,7 +49,7 @@ pub struct Input {
     pub steering: Steering,
     /// Velocity of O that the governor commands now, m/s.
     pub speed_m_s: f32,
-    /// Goal posture of O, in the frame of `posture`.
+    /// Goal posture of O, in the coordinates of `posture`.
     pub goal: Posture,
     /// Tolerance of the goal.
     pub within: Tolerance,
@@ -101,7 +101,7 @@ impl Tolerance {
 pub struct Output {
     /// Velocity and curvature of O within the limits.
     pub command: Command,
-    /// End of the robot that leads; valid also at v = 0.
+    /// End of the robot that goes first; valid also at v = 0.
     pub direction: Direction,
     /// Phase of the regulator.
     pub phase: Phase,
@@ -131,7 +131,7 @@ fn path_feedback(off: Posture, sign: f32, length_constant: f32) -> f32 {
     -inverse * inverse * off.y - 2.0 * inverse * sign * off.phi
 }
 
-/// The regulator, ready to run.
+/// Regulator with checked parameters: drives O to a goal posture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator {
     config: Config,
@@ -142,7 +142,7 @@ pub struct Regulator {
 }
 
 impl Regulator {
-    /// One step, every epoch ([`EPOCH_S`]).
+    /// Runs one step; to be called once an epoch ([`EPOCH_S`]).
     pub fn tick(&self, state: &mut State, input: &Input) -> Output {
         if !(input.posture.is_finite() && input.goal.is_finite()) {
             return self.stand(state);
@@ -200,8 +200,8 @@ impl Regulator {
         state.stuck.step(under_way, input.posture, dt) >= STUCK_S
     }
 
-    /// True if a stuck robot outside the tolerance has not moved since it was last stuck, or since the task began:
-    /// the obstacle stays.
+    /// True if the robot is stuck outside the tolerance at the place where it was stuck before, or where the task
+    /// began: the obstacle stays.
     fn is_blocked(&self, state: &mut State, input: &Input) -> bool {
         let before = state.stuck_at.replace(input.posture);
         let again = before.is_some_and(|at| input.posture.distance(at) <= SAME_PLACE_M);

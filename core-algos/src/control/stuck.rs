@@ -7,7 +7,7 @@ pub const STUCK_S: f32 = 2.0;
 /// Distance above which a robot has moved, m.
 const MOVED_M: f32 = 1e-3;
 
-/// Time for which the robot was commanded to move and did not, and the posture from which its motion is measured.
+/// Counts the time for which the robot was commanded to move and did not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stuck {
     at: Posture,
@@ -15,7 +15,7 @@ pub struct Stuck {
 }
 
 impl Stuck {
-    /// Counter before the first observation.
+    /// Counter at zero, before the first posture.
     pub const NEW: Self = Self {
         at: Posture::ORIGIN,
         time_s: 0.0,

@@ -54,7 +54,7 @@ impl Config {
     }
 }
 
-/// State of the observer.
+/// Estimates of a wheel's observer, and the encoder count that they build on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Estimated speed of the wheel, rad/s, forward positive.

@@ -6,7 +6,7 @@
 //!
 //! Nothing here can fail; NaN counts as motion.
 
-/// Limits of standstill.
+/// Limits up to which both motors count as standing still.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Limit of a motor's mean current, A. Up to this current the shorted motor counts as standing still.

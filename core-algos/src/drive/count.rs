@@ -3,7 +3,7 @@
 //! The difference of two readings, modulo 2^16, is the motion between them if the motion is below 2^15 counts. With
 //! 8192 counts per revolution and readings at 1 kHz, this limit is 4000 revolutions per second.
 
-/// Extended count.
+/// Count of 32 bits, built from a counter of 16 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extended {
     last: u16,
@@ -19,7 +19,7 @@ impl Extended {
         }
     }
 
-    /// Takes the counter; returns the count since the start, which wraps as an `i32`.
+    /// Takes the counter; returns the count since [`Self::starting_at`], which wraps as an `i32`.
     pub fn step(&mut self, counter: u16) -> i32 {
         let moved = counter.wrapping_sub(self.last) as i16;
         self.last = counter;

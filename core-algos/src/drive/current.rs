@@ -72,7 +72,7 @@ impl Config {
     }
 }
 
-/// Input of the loop at a step.
+/// Commanded torque and measurements of one PWM period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Commanded wheel torque, N m.
@@ -100,7 +100,7 @@ pub struct Output {
     pub valid: bool,
 }
 
-/// State of a current loop.
+/// What a current loop keeps from one period to the next: its integral, V.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_v: f32,

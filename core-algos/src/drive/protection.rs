@@ -44,7 +44,7 @@ pub struct Sample {
     pub ready: bool,
 }
 
-/// The protection of both motors.
+/// Protection of both motors: counts the periods in which a value is beyond its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Protection {
     limits: Limits,

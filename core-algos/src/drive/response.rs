@@ -49,7 +49,7 @@ impl Config {
     }
 }
 
-/// State of a monitor.
+/// Sums of a monitor over its present window, and its latest verdict.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: u16,
@@ -70,7 +70,7 @@ impl State {
     }
 }
 
-/// The monitor of one motor.
+/// Monitor of one motor: checks that current and speed explain the applied voltage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     resistance: f32,

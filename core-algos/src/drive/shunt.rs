@@ -26,10 +26,10 @@ declare! {
     }
 }
 
-/// Counts of the 12-bit converter.
+/// Number of counts in the range of the 12-bit converter.
 const SPAN: f32 = 4096.0;
 const MIDDLE: f32 = 2048.0;
-/// Samples of a zeroing: 0.1 s at 20 kHz.
+/// Number of samples that one zeroing averages: 0.1 s at 20 kHz.
 const SAMPLES: u32 = 2000;
 
 impl Config {
@@ -54,7 +54,7 @@ impl Config {
     }
 }
 
-/// Scale of one current channel.
+/// Conversion of one current channel from counts to A, with the limits of its zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shunt {
     amperes_per_count: f32,
@@ -80,7 +80,7 @@ pub struct Zeroing {
     squares: u64,
 }
 
-/// Result of a zeroing.
+/// Outcome of a zeroing after a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Zeroed {
     /// Not enough samples yet.

@@ -75,7 +75,7 @@ fn permitted(share: f32) -> f32 {
     if share > 0.0 { share.min(1.0) } else { 0.0 }
 }
 
-/// State of a thermal model.
+/// Temperature estimate of a winding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Estimated temperature of the winding, °C.
@@ -97,7 +97,7 @@ pub struct Winding {
 }
 
 impl Winding {
-    /// State after a start.
+    /// Temperature estimate to assume after a start.
     pub fn at_start(&self) -> State {
         State {
             temperature_c: self.start,

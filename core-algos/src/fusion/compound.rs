@@ -1,16 +1,16 @@
 //! Compounding of uncertain postures (Smith and Cheeseman): the posture of one axle seen through the beam from the
 //! other.
 //!
-//! The beam measures r, the front axle's posture in the rear axle's frame. Each function is linearised in the errors
-//! by the Jacobians of planar rigid motion. The two inputs are assumed independent. NaN propagates; nothing here
+//! The beam measures r, the front axle's posture in the rear axle's coordinates. Each function is linearised in the
+//! errors by the Jacobians of planar rigid motion. The two inputs are assumed independent. NaN propagates; nothing here
 //! panics.
 
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, add, identity, multiply};
 use crate::math::trig::atan2;
 
-/// Posture of O in the rear axle's frame, for the front axle at `relative`, with its derivative by `relative`. O lies
-/// halfway between the axles and heads from rear to front.
+/// Posture of O in the rear axle's coordinates, for the front axle at `relative`, with its derivative by `relative`. O
+/// lies halfway between the axles and heads from rear to front.
 pub fn midpoint_seen_from_rear(relative: Posture) -> (Posture, Mat3) {
     let (x, y) = (relative.x, relative.y);
     let square = x * x + y * y;
@@ -37,7 +37,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Chain of `base` and `q`, a posture in the frame of `base`. `q_by_relative` is the derivative of `q` with respect
+    /// Chain of `base` and `q`, a posture relative to `base`. `q_by_relative` is the derivative of `q` with respect
     /// to the relative posture.
     fn new(base: Posture, q: Posture, q_by_relative: &Mat3) -> Self {
         let (by_base, by_q) = base.compose_jacobians(q);
@@ -64,7 +64,7 @@ impl Chain {
         Self::new(rear, q, &q_by_r)
     }
 
-    /// Posture of O, from the front axle's posture. In the front axle's frame O is ⊖ r ⊕ q(r).
+    /// Posture of O, from the front axle's posture. In the front axle's coordinates O is ⊖ r ⊕ q(r).
     pub fn midpoint_from_front(front: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let back = relative.inverse();
@@ -195,8 +195,8 @@ mod tests {
                 let (x, y) = (f[0] - b[0], f[1] - b[1]);
                 [0.5 * (f[0] + b[0]), 0.5 * (f[1] + b[1]), y.atan2(x)]
             };
-            // The axle at `relative` in the rear axle's frame, for O at `o` and the front axle at `r` in the rear
-            // axle's frame.
+            // The axle at `relative` in the rear axle's coordinates, for O at `o` and the front axle at `r` in the rear
+            // axle's coordinates.
             let axle = |o: [f64; 3], relative: [f64; 3], r: [f64; 3]| {
                 let q = middle(r, [0.0; 3]);
                 forward(backward(o, q), relative)

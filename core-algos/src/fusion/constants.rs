@@ -56,7 +56,7 @@ pub const UNEVEN: usize = 14;
 pub const GYRO_BIAS: usize = 16;
 /// Index of the scale error of the front gyro; the rear gyro's is next.
 pub const GYRO_SCALE: usize = 18;
-/// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
+/// Number of constants that affect the beam's posture: two at [`ZERO`], two at [`GAIN`].
 pub const OF_BEAM: usize = 4;
 /// Indices of the constants, except the compliances, that affect the advance of the front axle and of the rear axle.
 /// `OF_ASIDE` and `OF_HEADING` list those that affect lateral motion and heading.
@@ -130,7 +130,7 @@ impl Tyres {
 pub struct IncrementInputs {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
-    /// Posture at the end of the increment in the axle's frame at its start (m, m, rad).
+    /// Posture at the end of the increment in the axle's coordinates at its start (m, m, rad).
     pub moved: Posture,
     /// Heading of the front axle less that of the rear.
     pub relative_heading: RelativeHeading,
@@ -234,7 +234,7 @@ impl IncrementInputs {
     }
 }
 
-/// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's frame) by the first [`OF_BEAM`]
+/// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's coordinates) by the first [`OF_BEAM`]
 /// constants, at the posture `relative`.
 ///
 /// The strip is taken as an arc, its shape under pure moments. Half angles avoid a division by its relative heading.

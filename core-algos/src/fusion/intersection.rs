@@ -85,7 +85,7 @@ impl Config {
     }
 }
 
-/// Covariance intersection, ready to run. It has no state.
+/// Covariance intersection with checked parameters. It has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intersection {
     criterion: Criterion,
@@ -93,7 +93,7 @@ pub struct Intersection {
     weights: Vec3,
 }
 
-/// Result of covariance intersection.
+/// Fused estimate, with the weight of each input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fused {
     /// Weight ω of the information of `a`, 0 to 1; the information of `b` has the weight 1 − ω.
@@ -123,7 +123,7 @@ impl From<&Estimate> for ExtendedEstimate {
 }
 
 impl Intersection {
-    /// The intersection of two estimates in one frame. `None` unless both covariances are positive
+    /// The intersection of two estimates in the same coordinates. `None` unless both covariances are positive
     /// definite and all numbers finite.
     pub fn fuse(&self, a: &Estimate, b: &Estimate) -> Option<Fused> {
         self.fuse_extended(&a.into(), &b.into())
@@ -162,7 +162,7 @@ fn dot(a: &Vec3, b: &Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// `L D Lᵀ` of a symmetric matrix, L unit lower.
+/// Factorisation `L D Lᵀ` of a symmetric matrix, L unit lower triangular.
 struct Factor {
     l10: f64,
     l20: f64,
@@ -208,7 +208,7 @@ impl Factor {
 
 /// Covariance B relative to covariance A, scaled by κ so that e₁ of M = (κ D)⁻¹ N is 3.
 struct Contrast {
-    /// Factor of κ A, κ = e₁/3.
+    /// Factorisation L D Lᵀ of κ A; κ = e₁/3, with e₁ of D⁻¹ N before scaling.
     a: Factor,
     /// κ and 1/κ.
     kappa: f64,
@@ -269,7 +269,7 @@ impl Contrast {
         [ratio * scale, self.kappa * scale]
     }
 
-    /// Slope of −c over ω, by powers of κ ω/v.
+    /// Coefficients, by ascending powers of κ ω/v, of a polynomial with the sign of −dc/dω.
     fn slope_of_determinant(&self) -> Vec3 {
         let inverse = self.inverse;
         [
@@ -279,12 +279,12 @@ impl Contrast {
         ]
     }
 
-    /// Numerator of the slope of tr(W P), by powers of κ ω/v.
+    /// Coefficients, by ascending powers of κ ω/v, of a polynomial with the sign of d tr(W P)/dω.
     fn slope_of_trace(&self, weights: &Vec3, a: &Mat3, b: &Mat3) -> [f64; 5] {
         let trace = |m: &Mat3| dot(weights, &[m[0][0], m[1][1], m[2][2]]);
         let (e2, e3, inverse) = (self.e2, self.e3, self.inverse);
         let [s0, s1, s2] = self.slope_of_determinant();
-        // tr(W P) = (b v² + x v ω + a ω²)/c, and the numerator's slope p v + q ω.
+        // tr(W P) = (b v² + x v ω + a ω²)/c; the derivative of this numerator over ω is p v + q ω.
         let (b, x, a) = (
             trace(b),
             self.mixed_trace(weights),

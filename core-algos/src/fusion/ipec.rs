@@ -87,7 +87,7 @@ impl Config {
     }
 }
 
-/// The correction, ready to run.
+/// Internal posture error correction with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ipec {
     inverse_track: f32,
@@ -133,7 +133,7 @@ impl State {
 /// Advance of the wheels in one interval, m: left and right of axle 1, left and right of axle 2.
 pub type WheelAdvance = [f32; 4];
 
-/// Correction of one interval.
+/// Corrections that IPEC made in one interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
@@ -278,7 +278,7 @@ impl Ipec {
     }
 }
 
-/// Direction of axle 2 seen from axle 1.
+/// Distance and direction of axle 2 as seen from axle 1.
 struct Direction {
     baseline: f32,
     alpha: f32,

@@ -1,14 +1,14 @@
 //! Joint filter of both axles: one extended Kalman filter that keeps the correlation of the axles' errors.
 //!
-//! The axles' six posture errors are kept as those of the rear axle in its own frame and those of the front axle seen
-//! from the rear. The beam's measurement is then itself a state. So the update is linear, and the relative posture,
-//! known to a millimetre, is never a difference of two postures that drift without bound. The other states are
+//! The axles' six posture errors are kept as those of the rear axle in its own coordinates and those of the front axle
+//! seen from the rear. The beam's measurement is then itself a state. So the update is linear, and the relative
+//! posture, known to a millimetre, is never a difference of two postures that drift without bound. The other states are
 //! constant or nearly so ([`constants`]):
 //!
 //! | states | meaning |
 //! |---|---|
 //! | 0–2 | error of the rear axle's posture along, across its heading, in heading (m, m, rad) |
-//! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
+//! | 3–5 | front axle's posture in the rear axle's coordinates (m, m, rad) |
 //! | 6–25 | the constants, in their order |
 //!
 //! Three more errors move the robot as a whole, and no sensor on board measures them. The grain of the floor
@@ -99,7 +99,7 @@ fn add_outer(covariance: &mut Mat3, by: &[f32; 3], variance: f32) {
 /// Acceleration of gravity, m/s².
 const GRAVITY: f32 = 9.81;
 
-/// The joint filter, ready to run.
+/// Joint filter with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     t: f32,
@@ -121,7 +121,7 @@ pub struct Joint {
     backlash_position: f32,
 }
 
-/// State of the joint filter.
+/// Estimate of the joint filter with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     rear: Posture,
@@ -130,8 +130,8 @@ pub struct State {
     covariance: Covariance<N>,
     /// Relative heading that loads the tyres, from the last tick with the odometry of both axles.
     loading: RelativeHeading,
-    /// Derivatives of the rear axle's posture, in its own frame (m, m, rad), by the errors that are considered and not
-    /// estimated: displacement by the floor per metre along its x and y, and turn per metre.
+    /// Derivatives of the rear axle's posture, in its own coordinates (m, m, rad), by the errors that are considered
+    /// and not estimated: displacement by the floor per metre along its x and y, and turn per metre.
     by_considered: [[f32; 3]; 3],
     /// Variances of the errors that are considered and not estimated.
     considered: [f32; 3],
@@ -149,7 +149,7 @@ impl State {
     }
 
     /// Motion of O since it was at `before` (m, m, rad, along the global axes). `relative` and `heading` are the
-    /// front axle's posture in the rear axle's frame and the rear axle's heading at that time.
+    /// front axle's posture in the rear axle's coordinates and the rear axle's heading at that time.
     pub(super) fn moved(&self, before: Posture, relative: Posture, heading: f32) -> Posture {
         let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
         let (x, y) = (0.5 * r.x, 0.5 * r.y);
@@ -163,12 +163,12 @@ impl State {
         )
     }
 
-    /// Posture of the front axle in the rear axle's frame.
+    /// Posture of the front axle in the rear axle's coordinates.
     pub fn relative_posture(&self) -> Posture {
         self.relative
     }
 
-    /// Posture of the front axle in the rear axle's frame, with its covariance.
+    /// Posture of the front axle in the rear axle's coordinates, with its covariance.
     pub fn relative(&self) -> Estimate {
         let u = &self.covariance.upper;
         let mut block = [[0.0; 3]; 3];
@@ -205,7 +205,7 @@ impl State {
         &self.covariance
     }
 
-    /// Rotation from the rear axle's frame into the global frame.
+    /// Rotation from the rear axle's coordinates into global coordinates.
     fn world_from_rear(&self) -> Mat3 {
         let (sin, cos) = sin_cos(self.rear.phi);
         [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
@@ -230,8 +230,8 @@ impl State {
             );
             Estimate::new(at, turned(&covariance, sin, cos))
         };
-        // Covariance of a posture `q` in the rear axle's frame: the rear axle's error carried to `q`, the error of
-        // `q` itself, and their cross-covariance.
+        // Covariance of a posture `q` in the rear axle's coordinates: the rear axle's error carried to `q`, the error
+        // of `q` itself, and their cross-covariance.
         let seen_from_rear = |q: Posture, cross: &Mat3, own: &Mat3| {
             let carry_columns = |by: &Mat3| matrix::transpose(by).map(|column| carried(&column, q));
             // Columns of A P and A C, with A the Jacobian that carries an error of the rear axle to `q`.
@@ -256,7 +256,7 @@ impl State {
     }
 }
 
-/// Estimates of the joint filter.
+/// Estimated postures of both axles and of O.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
     /// Posture of the front axle.
@@ -267,7 +267,7 @@ pub struct Estimates {
     pub robot: Estimate,
 }
 
-/// Result of the beam's update.
+/// Effect of one measurement of the beam on the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BeamUpdate {
@@ -291,14 +291,14 @@ impl Joint {
         &self.tyres
     }
 
-    /// Starts from O's posture and the front axle's posture in the rear axle's frame, with independent covariances.
-    /// `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of the floor's
-    /// axes.
+    /// Starts from O's posture and the front axle's posture in the rear axle's coordinates, with independent
+    /// covariances. `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of
+    /// the floor's axes.
     pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {
         let (q, jacobian) = compound::midpoint_seen_from_rear(relative.posture);
         let back = q.inverse();
         let rear = robot.posture.compose(back);
-        // rear = O ⊕ back(r). Its error in the rear axle's frame comes from the errors of O and of r.
+        // rear = O ⊕ back(r). Its error in the rear axle's coordinates comes from the errors of O and of r.
         let (sin, cos) = sin_cos(rear.phi);
         let into_rear = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
         let (by_robot, by_back) = robot.posture.compose_jacobians(back);
@@ -350,9 +350,9 @@ impl Joint {
         state.constants[k] = 0.0;
     }
 
-    /// Time update by odometry. `front` and `rear` are increments in the axles' own frames, each with the covariance
-    /// of its error in the end frame. `gyro_shares` are the shares of the time in which the heading came from a gyro;
-    /// `ticks` is the duration of the increments.
+    /// Time update by odometry. `front` and `rear` are increments in the axles' own coordinates at the start, each with
+    /// the covariance of its error in those at the end. `gyro_shares` are the shares of the time in which the heading
+    /// came from a gyro; `ticks` is the duration of the increments.
     pub fn predict(
         &self,
         state: &mut State,
@@ -390,7 +390,7 @@ impl Joint {
             by[0] += distance * direction[0];
             by[1] += distance * direction[1];
         }
-        // Posture of the front axle in the rear axle's frame after the motion: ⊖ d2 ⊕ (r ⊕ d1).
+        // Posture of the front axle in the rear axle's coordinates after the motion: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
         let (relative_sin, relative_cos) = sin_cos(r.phi);
         let onto = [
@@ -431,8 +431,8 @@ impl Joint {
             }
         }
 
-        // Noise of the increments: in the end frame for the rear axle's posture, turned into the start frames for the
-        // relative posture.
+        // Noise of the increments: for the rear axle's posture in the coordinates at the end, for the relative posture
+        // turned into those at the start.
         let (sin1, cos1) = sin_cos(d1.phi);
         let depart1: Mat3 = [[cos1, -sin1, 0.0], [sin1, cos1, 0.0], [0.0, 0.0, 1.0]];
         let depart2 = matrix::transpose(&turn_back);
@@ -487,8 +487,8 @@ impl Joint {
         state.loading = loading;
     }
 
-    /// Update by the beam. `measured` is the front axle's posture in the rear axle's frame with the covariance of its
-    /// noise. `accept` decides whether a NIS (three degrees of freedom) is acceptable.
+    /// Update by the beam. `measured` is the front axle's posture in the rear axle's coordinates with the covariance of
+    /// its noise. `accept` decides whether a NIS (three degrees of freedom) is acceptable.
     pub fn update(
         &self,
         state: &mut State,

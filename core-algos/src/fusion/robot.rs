@@ -2,8 +2,8 @@
 //! on the lead node at a fixed tick.
 //!
 //! In: an odometric increment of each axle since the last tick, and the beam's relative posture
-//! (front axle in the rear axle's frame); any may be absent. Out: posture and covariance of both
-//! axles and of the robot's midpoint O in the global frame.
+//! (front axle in the rear axle's coordinates); any may be absent. Out: posture and covariance of both
+//! axles and of the robot's midpoint O in global coordinates.
 //!
 //! | mode | method |
 //! |---|---|
@@ -80,7 +80,7 @@ const WALK_TIME_S: f32 = 30.0;
 /// Ticks between two times that the joint filter's covariance is conditioned.
 const CONDITION_INTERVAL: u8 = 64;
 
-/// Fusion of both axles and the beam on the lead node, ready to run.
+/// Fusion of both axles and the beam on the lead node, with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobotFusion {
     mode: Mode,
@@ -107,7 +107,7 @@ pub struct RobotFusion {
 /// Motion of one axle by its own odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Increment {
-    /// Posture reached, in the axle's frame at the start of the increment (m, m, rad).
+    /// Posture reached, in the axle's coordinates at the start of the increment (m, m, rad).
     pub posture: Posture,
     /// Covariance of the error: along and across the heading reached, in heading.
     pub covariance: Mat3,
@@ -147,27 +147,27 @@ pub enum PairAxle {
     Rear,
 }
 
-/// Inputs since the last tick.
+/// Odometry and beam measurement that arrived since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// Odometry of the front axle.
     pub front: Option<Increment>,
     /// Odometry of the rear axle.
     pub rear: Option<Increment>,
-    /// Front axle's posture in the rear axle's frame, measured by the beam, with the covariance of
+    /// Front axle's posture in the rear axle's coordinates, measured by the beam, with the covariance of
     /// its noise.
     pub beam: Option<Estimate>,
 }
 
-/// Estimates of the fusion after a tick.
+/// Fused postures after a tick, and what the fusion did with the beam's measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
-    /// Front axle (axle 1), global frame.
+    /// Front axle (axle 1), global coordinates.
     pub front: Estimate,
-    /// Rear axle (axle 2), global frame.
+    /// Rear axle (axle 2), global coordinates.
     pub rear: Estimate,
-    /// Midpoint O, heading from rear to front, global frame.
+    /// Midpoint O, heading from rear to front, global coordinates.
     pub robot: Estimate,
     /// The beam's update: verdict, innovation and NIS.
     pub beam: joint::BeamUpdate,
@@ -209,7 +209,7 @@ pub struct State {
     beam: Beam,
 }
 
-/// Latest accepted measurement of the beam, and number of rejections since.
+/// Latest accepted measurement of the beam, and number of measurements rejected after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
     /// Last accepted relative posture.
@@ -233,7 +233,7 @@ impl State {
 }
 
 impl RobotFusion {
-    /// Starts from O's posture and the front axle's posture in the rear axle's frame, each with its covariance.
+    /// Starts from O's posture and the front axle's posture in the rear axle's coordinates, each with its covariance.
     /// `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of the floor's
     /// axes.
     pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {

@@ -88,7 +88,7 @@ impl Config {
     }
 }
 
-/// Zeroing of one sensor, ready to run.
+/// Zeroing of one sensor with checked parameters: estimates the bias at standstill and subtracts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeroing {
     limit: f32,
@@ -150,7 +150,7 @@ impl Zeroing {
     }
 }
 
-/// Thresholds of rest; times in ticks.
+/// Thresholds of the rest detector; times in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestTimes {
     /// Time for which the wheels must be still and, for the gyro, the motors off.

@@ -1,6 +1,6 @@
 //! Random numbers, matrices and postures in `f64` for tests, independent of the code under test.
 
-/// SplitMix64.
+/// Pseudo-random numbers of the generator SplitMix64.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -47,7 +47,7 @@ pub(crate) fn random_covariance<const N: usize>(
 /// A matrix of `R` rows.
 pub(crate) type Matrix<const R: usize, const C: usize> = [[f64; C]; R];
 
-/// A matrix in `f64`.
+/// The matrix `m`, converted to `f64`.
 pub(crate) fn wide<const R: usize, const C: usize>(m: &[[f32; C]; R]) -> Matrix<R, C> {
     m.map(|row| row.map(f64::from))
 }

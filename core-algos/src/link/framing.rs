@@ -37,7 +37,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
-/// One frame, ready to be sent.
+/// Bytes of one encoded frame, with its delimiters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SerialFrame(heapless::Vec<u8, MAX_FRAME>);
 

@@ -34,7 +34,7 @@ pub enum Denied {
     OldOrder,
 }
 
-/// Lease of the front board.
+/// Lease of the front board: which host may command the robot.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
     /// Stamp and time of arrival of the latest order; `None` before the first order.

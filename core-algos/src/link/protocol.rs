@@ -287,7 +287,7 @@ impl StackUse {
     }
 }
 
-/// Reason of a refusal.
+/// Reason for which the board refuses a request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Refusal<'a> {
     /// No session of this protocol version: the host must send a hello first, also after a restart of the board.

@@ -75,7 +75,7 @@ pub enum MotorState {
     Driven,
 }
 
-/// State of a board, shared by the run links of its ports.
+/// Time, motor state and lease of a board, shared by the run links of its ports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Station {
     /// Time of the board, µs.
@@ -196,7 +196,7 @@ pub struct RunLink {
     answer: SerialFrame,
     /// Request number of an order that is being carried out.
     pending: Option<u8>,
-    /// True after the first hello since the start.
+    /// True once a host has sent a hello since the board's start.
     hello_received: bool,
     /// Destination of a relayed request whose reply is awaited.
     relaying: Option<Role>,

@@ -20,7 +20,7 @@
 use crate::bus::CanFrame;
 use crate::topology::{MAX_AXLES, MAX_FRAMES, Role};
 
-/// Direction of a segment.
+/// Direction of a segment, as seen from the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// Requests to the board.

@@ -157,7 +157,7 @@ fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
     place.insert(nodes.begin())
 }
 
-/// A save under way.
+/// A request to save that is not answered yet.
 #[derive(Clone, Copy, Debug)]
 struct Saving {
     /// Number of the request to save.

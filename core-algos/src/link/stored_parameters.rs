@@ -37,11 +37,11 @@ pub enum StoreError {
     Value(ConfigError),
 }
 
-/// The parameters of one board.
+/// Parameters of one board: present values, and the values in its store.
 #[derive(Clone, Debug)]
 pub struct StoredParameters {
     role: Role,
-    /// Values after a reset.
+    /// Values that the parameters would have after a reset.
     stored: Settings,
     report: StoreReport,
     settings: Settings,

@@ -4,14 +4,14 @@ use super::matrix::Mat3;
 use super::trig::{cos, sin, sin_cos, wrap_angle};
 use core::f32::consts::PI;
 
-/// Position (m) and heading (rad) of a body in a reference frame.
+/// Position (m) and heading (rad) of a body in plane coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(from = "[f32; 3]", into = "[f32; 3]"))]
 pub struct Posture {
-    /// Position along the frame's first axis, m.
+    /// Position along the first axis of the coordinates, m.
     pub x: f32,
-    /// Position along the frame's second axis, m.
+    /// Position along the second axis of the coordinates, m.
     pub y: f32,
     /// Heading, rad, counter-clockwise positive.
     pub phi: f32,
@@ -30,7 +30,7 @@ impl From<Posture> for [f32; 3] {
 }
 
 impl Posture {
-    /// Origin of the frame, heading 0.
+    /// Origin of the coordinates, heading 0.
     pub const ORIGIN: Self = Self::new(0.0, 0.0, 0.0);
 
     /// A posture from position (m) and heading (rad).
@@ -75,7 +75,7 @@ impl Posture {
         }
     }
 
-    /// Component-wise difference `self − other` in the common frame, heading wrapped.
+    /// Component-wise difference `self − other` in the common coordinates, heading wrapped.
     pub fn minus(&self, other: Self) -> [f32; 3] {
         [
             self.x - other.x,
@@ -174,7 +174,7 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// No motion.
+    /// Twist of a body at rest.
     pub const REST: Self = Self { v: 0.0, omega: 0.0 };
 
     /// A twist from forward velocity (m/s) and yaw rate (rad/s).

@@ -25,7 +25,7 @@ pub struct Wrench {
     pub moment_end: f32,
 }
 
-/// Load of the frame on one axle, in that axle's own frame, at the axle's midpoint.
+/// Load of the frame on one axle, in that axle's own coordinates, at the axle's midpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AxleLoad {
@@ -121,7 +121,7 @@ mod tests {
                 force_x, force_y, moment_end,
                 moment_root: moment_end + x * force_y - y * force_x,
             };
-            // Midpoint of the front axle in the rear axle's frame.
+            // Midpoint of the front axle in the rear axle's coordinates.
             let relative = Posture::new(root, 0.0, 0.0)
                 .compose(Posture::new(x, y, phi))
                 .compose(Posture::new(tip, 0.0, 0.0));

@@ -60,15 +60,15 @@ pub struct Output {
     pub torque_nm: Wheels<f32>,
     /// True if a reference is being followed; otherwise the motors are off.
     pub active: bool,
-    /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
+    /// Tracking error (e_X, e_Y, e_φ) in the axle's coordinates; zero when not active.
     pub error: Posture,
-    /// True if a result was not finite.
+    /// True if a computed value was not finite.
     pub invalid: bool,
     /// True if the controller requests more torque than the motors give.
     pub limited: bool,
 }
 
-/// State of a coordinated stop.
+/// Progress of a coordinated stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stop {
     ramp: ramp::State,
@@ -93,10 +93,10 @@ impl Stop {
     }
 }
 
-/// State of an axle node.
+/// What an axle node keeps from one tick to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
-    /// Time of the first step.
+    /// Time of the first step; `None` before it.
     started: Option<Micros>,
     wheels: [wheel_observer::State; 2],
     filter: ekf::State,
@@ -107,7 +107,7 @@ pub struct State {
     accelerometer_bias: Bias,
     /// Output of the last step.
     output: Output,
-    /// Reference of the last step.
+    /// Reference that the axle followed in the last step; `None` if it followed none.
     followed: Option<AxleReference>,
     /// Coordinated stop under way; `None` outside of a stop.
     stop: Option<Stop>,
@@ -121,7 +121,7 @@ pub struct State {
     gyro_samples: u8,
     gyro_zeroed: bool,
     mode: Option<Stamped<LeadMode>>,
-    /// True once the lead node has sent the mode idle or clear since the start.
+    /// True once the lead node has sent the mode idle or clear since this node's start.
     paused: bool,
     steering: Steering,
     velocity: f32,
@@ -132,7 +132,7 @@ pub struct State {
     ahead: Frame,
 }
 
-/// The latest wrench and posture from the board of a frame.
+/// Latest wrench of a frame and latest posture of its tip, as its beam board sent them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Frame {
     wrench: Option<Stamped<Wrench>>,
@@ -146,7 +146,7 @@ struct Neighbours {
     ahead: Option<FrameId>,
 }
 
-/// The node of one axle.
+/// Node of one axle: estimates the axle's motion and computes the wheel torques that follow the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleNode {
     axle: AxleId,
@@ -191,7 +191,7 @@ impl AxleNode {
         self.axle
     }
 
-    /// State of the node.
+    /// Estimates, latest messages and operating state of the node.
     pub fn state(&self) -> &State {
         &self.state
     }

@@ -35,7 +35,7 @@ impl From<[i32; MAX_GAUGES]> for Samples {
     }
 }
 
-/// The node of the instrumented frame.
+/// Node of a frame: sends the front axle's posture and the wrench, measured by the gauges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamNode {
     frame: FrameId,

@@ -132,7 +132,7 @@ impl CommonClock {
     }
 }
 
-/// A tick in step with the common time.
+/// A tick of a board, placed in the common time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tick {
     /// The whole millisecond of common time that the tick stands for.

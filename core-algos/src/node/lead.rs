@@ -101,7 +101,7 @@ pub struct Output {
     pub supervision: supervisor::Output,
 }
 
-/// State of the lead node.
+/// What the lead node keeps from one step to the next, except path and trajectory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
@@ -115,7 +115,7 @@ pub struct State {
     /// Memory of the user's controller.
     memory: Memory,
     governor: governor::State,
-    /// True if the task is fulfilled, as of the last step.
+    /// True if the task was fulfilled at the latest step.
     done: bool,
     /// Reason for which the task ended without success; stays until the next task.
     failed: Option<Condition>,
@@ -125,7 +125,7 @@ pub struct State {
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
-    /// Goal of the regulation or target on the path, as of the last step; `None` for other tasks.
+    /// Goal of the regulation, or target on the path at the latest step; `None` for other tasks.
     aim: Option<Posture>,
     /// Time for which the motors have held the robot in place.
     held: Micros,
@@ -151,7 +151,7 @@ impl State {
     }
 }
 
-/// Decision of the task at a step.
+/// Motion and mode that the task demands at a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Decision {
     /// Input of the governor; `None` brakes.
@@ -185,7 +185,7 @@ impl From<path_task::PathStep> for Decision {
     }
 }
 
-/// The lead node.
+/// Lead node: fuses axles and beam, runs the task and sends the axles their references.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     with: Algorithms,
@@ -266,7 +266,7 @@ impl LeadNode {
         &self.state.supervisor
     }
 
-    /// Activity of the robot.
+    /// Activity of the robot, on which the action of its button depends.
     pub fn activity(&self, now: Micros) -> Activity {
         let (_, failed) = self.state.peers.others(Node::Lead, ROBOT, now);
         let faulted = failed || self.state.supervisor.operating() == OperatingState::Fault;
@@ -403,7 +403,7 @@ impl LeadNode {
         }
     }
 
-    /// Decision of the task with O at `center`.
+    /// Motion and mode that the task demands with O at `center`.
     fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;

@@ -22,7 +22,7 @@ const PATTERNS: [(OperatingState, u32, u32); 5] = [
     (OperatingState::SafeStop, 100, 200),
 ];
 
-/// Pattern of a state, for the documentation.
+/// Blink pattern of an operating state in words, for the documentation.
 pub struct Pattern(pub OperatingState);
 
 impl fmt::Display for Pattern {
@@ -45,7 +45,7 @@ fn pattern(state: OperatingState) -> Option<(u32, u32)> {
     found.map(|&(_, lit, period)| (lit, period))
 }
 
-/// State and code on the LED.
+/// LED of a board, which shows operating state and fault code.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Led {
     state: OperatingState,

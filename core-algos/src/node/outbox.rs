@@ -3,7 +3,7 @@
 use crate::bus::Message;
 use heapless::Vec;
 
-/// Room for the messages of one step.
+/// Largest number of messages that an outbox holds; further messages are dropped.
 pub const CAPACITY: usize = 8;
 
 /// A short list of messages; messages that do not fit are dropped.

@@ -130,7 +130,7 @@ impl State {
         stuck: Stuck::NEW,
     };
 
-    /// Deletes path and trajectory.
+    /// Deletes all points of path and trajectory.
     pub fn clear(&mut self) {
         *self = Self::EMPTY;
     }

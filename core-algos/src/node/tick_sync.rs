@@ -16,7 +16,7 @@ use crate::time::{EPOCH, Micros, TICK, is_epoch_start};
 /// Longest time between two runs without a restart.
 const PASSED_OVER: Micros = 5 * TICK;
 
-/// Action of a tick.
+/// What a board is to do in a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TickStep {
     /// The common time is not known or the tick is not in step with it: nothing may be driven.
@@ -107,7 +107,7 @@ impl TickSync {
         }
     }
 
-    /// Conditions of the latest tick.
+    /// Conditions of the tick synchronisation at the latest tick.
     pub fn conditions(&self) -> Conditions {
         self.conditions
     }
@@ -155,7 +155,7 @@ impl TickSync {
         self.missed
     }
 
-    /// Restarts of the nodes, saturating.
+    /// Number of restarts of the nodes, at most 65 535.
     pub fn restarts(&self) -> u16 {
         self.restarts
     }

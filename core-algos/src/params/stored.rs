@@ -15,11 +15,11 @@ use crate::safety::{Condition, Conditions};
 pub const ITEM_BYTES: usize = 9;
 /// Length of the encoded manifest, bytes.
 pub const MANIFEST_BYTES: usize = 5 + MAX_ID as usize;
-/// Key of the manifest.
+/// Key of the manifest in the store; the keys of parameters begin at 1.
 pub const MANIFEST_KEY: u8 = 0;
 const MANIFEST_VERSION: u8 = 1;
 
-/// A stored value.
+/// One value in the store, with version and generation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Item {
     /// Version of the parameter's meaning.

@@ -11,7 +11,7 @@ use crate::control::regulator::Strategy;
 use crate::fusion::robot::Mode;
 use declare::{Choice, Field, Kind, field_at, find as find_field};
 
-/// One parameter.
+/// Row of the table: a parameter that a board can store.
 #[derive(Clone, Copy, Debug)]
 pub struct Parameter {
     /// Key in the store, 1 to [`MAX_ID`].
@@ -30,7 +30,7 @@ pub struct Parameter {
     write: fn(&mut Settings, f32),
 }
 
-/// Largest identifier.
+/// Largest identifier (key in the store) of a parameter.
 pub const MAX_ID: u8 = 191;
 
 impl Parameter {

@@ -215,7 +215,7 @@ impl Condition {
 /// degradations.
 pub(super) const BITS: usize = 46;
 
-/// The condition of each bit.
+/// Condition of each bit of a set; `None` for an unused bit.
 const BY_BIT: [Option<Condition>; BITS] = {
     let mut conditions = [None; BITS];
     let mut i = 0;

@@ -68,7 +68,7 @@ impl Config {
     }
 }
 
-/// The stop, ready to run.
+/// Course of a stop, with checked parameters: deceleration, rest, release of the bent frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ramp {
     deceleration: f32,
@@ -78,7 +78,7 @@ pub struct Ramp {
     release: f32,
 }
 
-/// A stop under way.
+/// Progress of a stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Twist of the axle when the stop began.
@@ -94,7 +94,7 @@ pub struct State {
 /// The reference of an axle during the stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// Posture, in the frame of the reference at the beginning of the stop.
+    /// Posture, in the coordinates of the reference posture at the beginning of the stop.
     pub posture: Posture,
     /// Forward speed (m/s) and yaw rate (rad/s).
     pub twist: Twist,
@@ -136,7 +136,7 @@ impl Ramp {
         }
     }
 
-    /// The reference `dt` (s) later.
+    /// Reference of the axle after a further `dt` (s) of the stop.
     pub fn step(&self, state: &mut State, dt: f32) -> Reference {
         if dt > 0.0 && dt.is_finite() {
             state.elapsed += dt;

@@ -38,7 +38,7 @@ wire_enum! {
 }
 
 impl OperatingState {
-    /// Permit of the motors.
+    /// What the motors may do in this state.
     pub const fn permit(self) -> Permit {
         match self {
             Self::Boot | Self::Idle | Self::Fault => Permit::Off,
@@ -49,7 +49,7 @@ impl OperatingState {
     }
 }
 
-/// Permit of the motors.
+/// What the motors may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Permit {
@@ -138,7 +138,7 @@ pub(super) mod tests {
         rows.find(|row| row[0] == name).expect("a row")[column]
     }
 
-    /// The state that the table demands.
+    /// Reference: the state after `cause`, read from the table of the module's doc.
     pub fn demanded(state: OperatingState, cause: Cause, hard: bool) -> OperatingState {
         let request;
         let column = match cause {

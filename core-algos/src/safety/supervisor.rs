@@ -83,7 +83,7 @@ impl Config {
     }
 }
 
-/// The supervisor, ready to run.
+/// Supervisor of a node with checked parameters: changes the operating state by conditions and requests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Supervisor {
     degraded_time: Micros,
@@ -91,14 +91,14 @@ pub struct Supervisor {
     stop_timeout: Micros,
 }
 
-/// State of a supervisor.
+/// Operating state of a node, with its conditions and their times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     operating: OperatingState,
     last: Option<Micros>,
     /// Time that each condition has held without a break, µs.
     held: [u32; BITS],
-    /// Conditions that held at the last step.
+    /// Conditions that held at the latest step, even if for less than their hold time.
     holding: Conditions,
     /// Conditions that have held for their hold time.
     present: Conditions,
@@ -133,12 +133,12 @@ impl Default for State {
 }
 
 impl State {
-    /// The operating state.
+    /// Operating state of the node.
     pub fn operating(&self) -> OperatingState {
         self.operating
     }
 
-    /// The first stop or cut since the last clearing.
+    /// First condition of class stop or cut since the last clearing; `None` without one.
     pub fn first(&self) -> Option<Condition> {
         self.first
     }
@@ -171,7 +171,7 @@ pub struct Input {
     pub halted: bool,
 }
 
-/// Decision of the supervisor.
+/// Operating state after a tick, and what the motors may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {

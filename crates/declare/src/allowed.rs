@@ -97,7 +97,7 @@ impl fmt::Display for ConfigError {
 
 impl core::error::Error for ConfigError {}
 
-/// A number, an optional number or a list of numbers.
+/// Value whose numbers can be checked: a number, an optional number or a list of numbers.
 pub trait Checked {
     /// True if the values are whole numbers.
     const WHOLE: bool = false;

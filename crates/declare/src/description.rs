@@ -33,7 +33,7 @@ pub enum Kind {
     Table(&'static [Field]),
 }
 
-/// Value of an enumeration.
+/// Name that a key may have, with its meaning.
 #[derive(Clone, Copy, Debug)]
 pub struct Choice {
     /// Name of the value in a configuration file.
@@ -42,7 +42,7 @@ pub struct Choice {
     pub doc: &'static str,
 }
 
-/// Type of a key in a file.
+/// Type that a key of a configuration file may have.
 pub trait Declared {
     /// Kind of the values of this type.
     const KIND: Kind;

@@ -105,7 +105,7 @@ macro_rules! declare {
             /// Every value, in the order of its number.
             pub const ALL: &'static [Self] = &[$(Self::$value),+];
 
-            /// Name in a file.
+            /// Name of the value in a configuration file.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$value => $label,)+

@@ -87,7 +87,7 @@ impl Drivetrain {
             half[w] = 0.5 * self.periods * h * speed;
             middle[w] = self.periods * angle + half[w] + self.phase[w];
         }
-        // Factor of the mean over the turned angle: sin(x)/x.
+        // The mean of a sine over the phases from `middle` − x to `middle` + x is sin(`middle`) sin(x)/x.
         let x = V::load(&half);
         let share = if x.abs().all_at_most(0.5) {
             let (z, one) = (x * x, V::splat(1.0));

@@ -21,10 +21,10 @@ pub struct Elastica {
     pub steps: usize,
 }
 
-/// Root moment (N m) and end force (N, N; root frame), which determine an equilibrium.
+/// Root moment (N m) and end force (N, N; root coordinates), which determine an equilibrium.
 pub type Load = [f64; 3];
 
-/// Result of an integration along the strip.
+/// End of the strip under a load, with derivatives: one integration along the strip.
 #[derive(Clone, Copy, Debug)]
 pub struct Shot {
     /// Position (m, m) and angle (rad) of the end.

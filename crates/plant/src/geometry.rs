@@ -7,15 +7,15 @@ pub type Mat3 = [[f64; 3]; 3];
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clamps {
     /// Direction (cos, sin) of the rear clamp, and of the strip that starts there, in the rear
-    /// axle's frame.
+    /// axle's coordinates.
     pub root: [f64; 2],
     /// Length of the rigid part between the rear axle and the strip, m.
     pub root_length: f64,
-    /// Direction of the front clamp in the front axle's frame.
+    /// Direction of the front clamp in the front axle's coordinates.
     pub tip: [f64; 2],
     /// Length of the rigid part between the strip and the front axle, m.
     pub tip_length: f64,
-    /// Strip's end in the front axle's frame, m.
+    /// Strip's end in the front axle's coordinates, m.
     pub tip_place: [f64; 2],
     /// Angle of the front clamp minus angle of the rear clamp, rad.
     pub twist: f64,
@@ -37,27 +37,27 @@ impl Clamps {
 }
 
 /// Positions of two neighbouring axles, front and rear, and the end of the strip between them. The
-/// root frame has its origin at the midpoint of the rear axle and its x axis along the rear clamp.
+/// root coordinates have their origin at the midpoint of the rear axle and their x axis along the rear clamp.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Geometry {
     /// Direction of the rear axle, (cos, sin).
     pub rear: [f64; 2],
     /// Direction of the front axle, (cos, sin).
     pub front: [f64; 2],
-    /// Front axle's midpoint in the rear axle's frame, m.
+    /// Front axle's midpoint in the rear axle's coordinates, m.
     pub position: [f64; 2],
-    /// Front axle's direction in the rear axle's frame.
+    /// Front axle's direction in the rear axle's coordinates.
     pub turn: [f64; 2],
-    /// Strip's end in the root frame, m.
+    /// Strip's end in root coordinates, m.
     pub end: [f64; 2],
-    /// Strip's end in the front axle's frame, m.
+    /// Strip's end in the front axle's coordinates, m.
     pub tip: [f64; 2],
-    /// Direction of the rear clamp in the rear axle's frame.
+    /// Direction of the rear clamp in the rear axle's coordinates.
     pub root: [f64; 2],
 }
 
 impl Geometry {
-    /// Geometry from the axles' directions, and the front axle's midpoint and direction in the rear axle's frame.
+    /// Geometry from the axles' directions, and the front axle's midpoint and direction in the rear axle's coordinates.
     #[inline(always)]
     pub fn new(
         clamps: &Clamps,
@@ -78,8 +78,8 @@ impl Geometry {
         }
     }
 
-    /// Geometry after the axles have moved for `time` (s) at velocities `v` (axles' frames at the start) and turned by
-    /// `turns` (cos, sin).
+    /// Geometry after the axles have moved for `time` (s) at velocities `v` (axles' coordinates at the start) and
+    /// turned by `turns` (cos, sin).
     #[inline(always)]
     pub fn moved(&self, clamps: &Clamps, v: &[Vec3; 2], turns: [[f64; 2]; 2], time: f64) -> Self {
         let [f, r] = v;
@@ -93,7 +93,7 @@ impl Geometry {
         Self::new(clamps, [self.front, self.rear], position, turn)
     }
 
-    /// Rate of the strip's end in the root frame for body velocities of the axles.
+    /// Rate of the strip's end in root coordinates for body velocities of the axles.
     #[inline(always)]
     pub fn rate(&self, v: &[Vec3; 2]) -> Vec3 {
         let [f, r] = v;

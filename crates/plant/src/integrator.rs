@@ -7,7 +7,7 @@
 //! axles is eliminated too: each stage solves a 3 × 3 system for each axle, and a block-tridiagonal system of
 //! 3 × 3 blocks for the frames.
 //!
-//! Velocities are in the axles' frames; within a step, in the axles' frames at the start of the step.
+//! Velocities are in the axles' coordinates; within a step, in the axles' coordinates at the start of the step.
 //!
 //! [`Plant::step`] neither allocates nor fails.
 
@@ -207,7 +207,7 @@ impl Plant {
         let mut last = chain[0];
         for frame in self.frames.iter().rev() {
             let (end, clamps) = (frame.equilibrium.end(&frame.strip), &frame.clamps);
-            // Position of the axle ahead in the root frame of the axle behind: straight ahead except for the
+            // Position of the axle ahead in the root coordinates of the axle behind: straight ahead except for the
             // clamps. The ends of the unloaded strip may be slightly offset sideways.
             let offset = [end[0] + clamps.root_length + clamps.tip_length, end[1]];
             let [dx, dy] = rotate(&rotate(&offset, clamps.root), direction(last[2]));
@@ -346,7 +346,7 @@ impl Plant {
         }
     }
 
-    /// Advances by `h` (s). Gives false, with the state unchanged, if the error is too large and `force` is not set.
+    /// Advances by `h` (s). Returns false, with the state unchanged, if the error is too large and `force` is not set.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one formula")]
     fn advance<V: Lanes, const N: usize, const F: usize, const G: usize>(
@@ -422,7 +422,7 @@ impl Plant {
         }
         let move1 = sum(&start, &gain1);
 
-        // Forces after half a step of the first stage, in the axles' frames at that time.
+        // Forces after half a step of the first stage, in the axles' coordinates at that time.
         let a = 0.5 * h;
         let (mut k1, mut there_v, mut body) = (start, start, start);
         let mut turns = [[0.0; 2]; N];

@@ -110,7 +110,7 @@ impl<V: Lanes> Twelve<V> {
     }
 }
 
-/// Four numbers on any machine.
+/// Four numbers without vector instructions, for any machine.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub struct Narrow([f64; 4]);

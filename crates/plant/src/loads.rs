@@ -8,7 +8,7 @@ use declare::{Allowed, Checked, ConfigError};
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Gravity into the floor (m/s²) and along the floor, in the global frame (m/s²).
+/// Gravity into the floor (m/s²) and along the floor, in global coordinates (m/s²).
 pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     let (slope, downhill) = (config.slope_rad, config.downhill_rad);
     let downslope = GRAVITY_M_S2 * libm::sin(slope);
@@ -21,7 +21,7 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     )
 }
 
-/// Inertia of one axle with payload and sensing, about the axle's midpoint.
+/// Mass and moments of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Mass of the axle, kg.
@@ -65,7 +65,7 @@ impl Body {
         ]
     }
 
-    /// Rate of momentum for an acceleration of the midpoint.
+    /// Force (N, N) and moment (N m) at the midpoint that give the midpoint the acceleration `a`.
     #[inline(always)]
     pub fn momentum(&self, a: &Vec3) -> Vec3 {
         let [x, y] = self.moment;
@@ -93,8 +93,8 @@ impl Body {
         add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
     }
 
-    /// Converts a load in the frame of a body that has turned since the start of the step. The result gives the same
-    /// acceleration with the mass matrix at the start of the step.
+    /// Converts a load in the coordinates of a body that has turned since the start of the step. The converted load
+    /// gives the same acceleration with the mass matrix at the start of the step.
     #[inline(always)]
     pub fn turned(&self, load: &Vec3, turn: [f64; 2]) -> Vec3 {
         if self.moment == [0.0; 2] {
@@ -137,7 +137,8 @@ pub struct Loads {
     pub now: Vec<[f64; 2]>,
 }
 
-/// Load on an axle per unit of M/l, with pitching moment M and distance l of neighbouring axles.
+/// Load on an axle per unit of M/l, with pitching moment M and distance l between neighbouring axles. Positive
+/// for axles ahead of the middle.
 fn pitch_share(axle: usize, axles: usize) -> f64 {
     let middle = (axles as f64 - 1.0) / 2.0;
     let squares: f64 = (0..axles)
@@ -147,7 +148,7 @@ fn pitch_share(axle: usize, axles: usize) -> f64 {
 }
 
 impl Loads {
-    /// Loads at rest.
+    /// Loads of the robot at rest, without acceleration.
     pub fn new(config: &PlantConfig, bodies: &[Body]) -> Self {
         let at_rest = at_rest(config, bodies);
         Self {
@@ -168,7 +169,7 @@ impl Loads {
         self.now.clone_from(&self.at_rest);
     }
 
-    /// True if acceleration shifts the loads.
+    /// True if acceleration shifts load between the wheels: the centre of mass is above the floor.
     #[inline(always)]
     pub fn shift(&self) -> bool {
         self.height > 0.0

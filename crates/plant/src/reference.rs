@@ -1,5 +1,5 @@
 //! Independent reference of the plant: explicit fourth-order Runge–Kutta at a step far below every
-//! time constant, velocities in the global frame, the strip by shooting at every stage. The reference
+//! time constant, velocities in global coordinates, the strip by shooting at every stage. The reference
 //! checks the accuracy of [`super::Plant`], shares no code with its step, and is hundreds of times slower.
 //!
 //! Covers tyres of both kinds with stiction, rolling resistance, side slip and drift of the ground,
@@ -13,14 +13,14 @@ use declare::ConfigError;
 /// For each axle: x, y, φ; their rates; speeds of the left and the right wheel.
 type Coordinates = Vec<[f64; 8]>;
 
-/// The robot, at rest at the start.
+/// Explicit integrator of the robot for comparison; begins at rest.
 #[derive(Clone, Debug)]
 pub struct Reference {
     config: PlantConfig,
     strip: Elastica,
     y: Coordinates,
     frames: Vec<Frame>,
-    /// True if the equilibrium of a strip was lost.
+    /// True once the solver has found no equilibrium of a strip; later states are void.
     pub lost: bool,
 }
 

@@ -2,10 +2,10 @@
 
 use super::geometry::Vec3;
 
-/// State of one axle.
+/// Posture, motion and wheel angles of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleState {
-    /// Midpoint (m, m) and heading (rad, not wrapped) in the global frame.
+    /// Midpoint (m, m) and heading (rad, not wrapped) in global coordinates.
     pub posture: Vec3,
     /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
     pub velocity: Vec3,
@@ -38,7 +38,7 @@ pub struct Wrench {
     pub end_moment: f64,
 }
 
-/// Counters of the solution of the frames since the robot was placed.
+/// Counts of the work to solve the frames' equilibria, since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
     /// Number of substeps taken.

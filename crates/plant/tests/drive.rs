@@ -100,7 +100,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
             plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
-        // Kinetic energy of the robot at the no-load speed of its wheels: 13 J.
+        // Kinetic energy of the robot at the no-load speed of its wheels: 14 J.
         assert!(energy < 60.0, "drive {n}: {energy} J");
         let health = plant.health();
         assert_eq!(health.failures, 0, "drive {n}: {health:?}");

@@ -15,7 +15,7 @@ const AXIAL: f64 = 1e9;
 const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 const LINKS: usize = 2000;
 
-/// A repeatable sequence in [−1, 1).
+/// Repeatable pseudo-random numbers in [−1, 1).
 struct Sequence(u64);
 
 impl Sequence {

@@ -41,7 +41,7 @@ fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     (wrench, strain, stable)
 }
 
-/// A repeatable sequence in [−1, 1).
+/// Repeatable pseudo-random numbers in [−1, 1).
 struct Sequence(u64);
 
 impl Sequence {

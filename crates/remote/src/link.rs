@@ -14,7 +14,7 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// A link to one board.
+/// Byte stream to and from one board.
 pub trait Link: Send {
     /// Name of the link in reports.
     fn name(&self) -> &'static str;

@@ -5,9 +5,9 @@ use super::ray::Parameters;
 use super::{CONVERGED, Readings, Solver, bounded};
 use crate::math::matrix::{cholesky, cholesky_solve};
 
-/// Limit of the integrations of the elastica from one start.
+/// Largest number of integrations of the elastica in one descent.
 const MAX_DESCENT: u8 = 10;
-/// Predicted decrease of the cost below which the refinement, if one follows, replaces further steps.
+/// Predicted decrease of the cost below which a descent leaves the remaining steps to a refinement, if one follows.
 const CLOSE: f32 = 4.0;
 
 /// A descent from a start, with its lowest point so far.

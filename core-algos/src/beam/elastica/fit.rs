@@ -6,10 +6,10 @@ use crate::math::Posture;
 use crate::math::matrix::{Mat3, apply, inverse_spd, propagate, scale, subtract};
 use crate::math::trig::sin_cos;
 
-/// A fitted elastica.
+/// Elastica fitted to the strains: tip posture, end forces and curvatures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
-    /// Front axle in the rear axle's frame.
+    /// Front axle in the rear axle's coordinates.
     pub relative: RelativePosture,
     /// End forces.
     pub wrench: Wrench,

@@ -15,7 +15,7 @@ const PRIOR_SHARE: f32 = 0.1;
 /// have a smaller residual with probability 2.5e-4.
 const EXACT: [f32; 5] = [1e-7, 5e-4, 0.0096, 0.0455, 0.12];
 
-/// Result of a descent.
+/// Lowest point that a descent found, with its shape and normal equations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Minimum {
     pub(super) parameters: Parameters,
@@ -66,7 +66,7 @@ pub(super) fn is_suspicious(found: Option<&Minimum>) -> bool {
     found.is_none_or(|found| !found.converged || !(found.normal.chi_square < SUSPICIOUS))
 }
 
-/// The lower of two minima.
+/// The lower of two minima; the only one if the other descent found none.
 pub(super) fn lower(a: Option<Minimum>, b: Option<Minimum>) -> Option<Minimum> {
     match (a, b) {
         (Some(a), Some(b)) if b.better_than(&a) => Some(b),

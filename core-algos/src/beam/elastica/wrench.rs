@@ -6,7 +6,7 @@ use crate::math::matrix::{Mat3, is_finite};
 /// Standard deviations within which a force is not significant.
 const SIGNIFICANT_SIGMAS: f32 = 2.0;
 
-/// Wrench of the strip on the axles, in the rear axle's frame.
+/// Wrench of the strip on the axles, in the rear axle's coordinates.
 ///
 /// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment, on the front axle with force (−fx,
 /// −fy) and moment −tip_moment. Each moment is about the axle's midpoint. A left bend by pure moments has fx = fy = 0

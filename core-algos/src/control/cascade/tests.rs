@@ -12,7 +12,7 @@ fn cascade(rigid_end_m: f32, form: Form) -> Cascade {
     .unwrap()
 }
 
-/// Posture of the front axle in the rear axle's frame by walking along the frame in `f64`.
+/// Posture of the front axle in the rear axle's coordinates by walking along the frame in `f64`.
 fn walked(length: f64, end: f64, psi: f64) -> (f64, f64) {
     let n = 20_000;
     let (mut x, mut y) = (end, 0.0);

@@ -61,7 +61,7 @@ impl fmt::Display for PathError {
 
 impl core::error::Error for PathError {}
 
-/// The path at one arc length.
+/// Interpolated point of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathSample {
     /// Position, m, and direction, rad.
@@ -119,7 +119,7 @@ pub trait Point: Copy {
     /// Arc length (m) or time (s), which grows from point to point.
     fn key(&self) -> f32;
 
-    /// Point of the path.
+    /// The point without its time and speed.
     fn place(&self) -> PathPoint;
 
     /// True if every component is valid.
@@ -244,7 +244,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         self.get(self.count.checked_sub(1)?)
     }
 
-    /// Appends a point.
+    /// Appends a point; refuses a point that is not finite or does not advance, and any point after the end.
     pub fn push(&mut self, point: P) -> Result<(), PathError> {
         if self.complete {
             return Err(PathError::Ended);

@@ -6,7 +6,7 @@ use crate::math::Posture;
 /// A piece of path of constant curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Segment {
-    /// End of the robot that leads.
+    /// End of the robot that goes first.
     pub direction: Direction,
     /// Curvature of the path of O, 1/m, positive to the left of the robot's heading.
     pub curvature: f32,
@@ -27,7 +27,7 @@ impl Segment {
     }
 }
 
-/// Segments that lead into the funnel.
+/// At most two segments that lead into the funnel, and the direction of approach from there.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Plan {
     pub(super) first: Option<Segment>,

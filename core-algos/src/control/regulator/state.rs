@@ -28,7 +28,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// Continuation after the present phase Stop or Steer.
+/// What follows the phase Stop or Steer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
@@ -38,7 +38,7 @@ pub(super) enum Next {
     Step(u8),
 }
 
-/// State of the regulator.
+/// What the regulator keeps from one tick to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     pub(super) phase: Phase,

@@ -4,7 +4,7 @@ use super::factors::ACCELERATION;
 use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
-    /// Update by a forward acceleration (m/s²).
+    /// Measurement update by the accelerometer's forward acceleration (m/s²).
     pub fn update_accelerometer(&self, state: &mut State, acceleration: Option<f32>) -> Verdict {
         let Some(acceleration) = acceleration else {
             return Verdict::Absent;

@@ -69,7 +69,7 @@ pub(super) struct Motion {
     /// Sine and cosine of the midpoint heading.
     pub sin: f32,
     pub cos: f32,
-    /// Displacement in the global frame.
+    /// Displacement in global coordinates.
     pub dx: f32,
     pub dy: f32,
 }
@@ -230,7 +230,7 @@ impl Covariance {
         }
     }
 
-    /// One entry of P.
+    /// Entry of the whole covariance P in row `i` and column `j`.
     pub fn entry(&self, i: usize, j: usize) -> f32 {
         let (i, j) = (i % N, j % N);
         let mut sum = 0.0;

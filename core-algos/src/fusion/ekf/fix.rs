@@ -48,7 +48,7 @@ impl Fix {
 }
 
 impl AxleFilter {
-    /// Update by a posture in the filter's frame.
+    /// Measurement update by a posture in the filter's coordinates.
     pub fn update_fix(&self, state: &mut State, posture: &Posture, fix: &Fix) -> Verdict {
         if !posture.is_finite() {
             return state.counters.fix.refuse();

@@ -1,6 +1,6 @@
 //! Axle-level filter: an extended Kalman filter of seven states (paper eq. 16–19).
 //!
-//! State x, y, φ, v, φ̇, v̇, φ̈: posture of the axle's midpoint in the global frame (m, m, rad), its
+//! State x, y, φ, v, φ̇, v̇, φ̈: posture of the axle's midpoint in global coordinates (m, m, rad), its
 //! forward speed and yaw rate (m/s, rad/s) and their derivatives (m/s², rad/s²), counter-clockwise
 //! positive. Motion model over one period T, constant accelerations, midpoint heading:
 //! ds = v T + v̇ T²/2, dφ = φ̇ T + φ̈ T²/2, position advanced by ds along φ + dφ/2, φ += dφ,
@@ -87,7 +87,7 @@ const UPKEEP_INTERVAL: u8 = 64;
 /// the matrix well conditioned.
 const HANDED_OUT: f32 = 0.9375;
 
-/// Process noise ready to add.
+/// Process noise in the form that a step adds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Noise {
     /// Constant Q, factorised.
@@ -104,7 +104,7 @@ enum Noise {
     },
 }
 
-/// The axle filter, ready to run.
+/// Filter of one axle with checked parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleFilter {
     t: f32,
@@ -140,7 +140,7 @@ pub struct Measurements {
     pub acceleration_m_s2: Option<f32>,
 }
 
-/// Verdict on one measurement.
+/// What a filter did with a measurement: used it, or the reason why not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
@@ -238,14 +238,14 @@ pub struct Counters {
     pub fix: Refusals,
 }
 
-/// State of an axle filter.
+/// Estimate of an axle filter with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     posture: [TwoFloat; 3],
     /// Motion states v, φ̇ (m/s, rad/s) and v̇, φ̈ (m/s², rad/s²).
     motion: [f32; M],
     covariance: Covariance,
-    /// Number of the last step within the upkeep period.
+    /// Number of the latest step within the period of the covariance upkeep.
     upkeep: u8,
     /// Numbers of samples rejected since the start.
     pub counters: Counters,
@@ -325,7 +325,7 @@ impl State {
             && self.covariance.is_finite()
     }
 
-    /// Adds a displacement to the posture.
+    /// Adds a displacement (m, m, rad) to the posture and wraps the heading.
     fn advance(&mut self, mut by: [f32; 3]) {
         // After an accepted outlier the filter may turn by more than one turn per step.
         by[PHI] = wrap_angle(by[PHI]);
@@ -335,7 +335,7 @@ impl State {
         self.posture[PHI] = self.posture[PHI].wrapped_once();
     }
 
-    /// Moves the origin of the frame: the position grows by `by`, m, and the covariance stays.
+    /// Moves the origin of the coordinates: the position grows by `by`, m, and the covariance stays.
     pub fn shift(&mut self, by: [f32; 2]) {
         for (position, by) in self.posture.iter_mut().zip(by) {
             *position = position.advanced(by);

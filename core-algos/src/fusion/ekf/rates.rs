@@ -133,7 +133,7 @@ impl AxleFilter {
         [left, right, gyro]
     }
 
-    /// Update by v, then by φ̇ − c v.
+    /// Measurement update by v, then by φ̇ − c v, whose noises are uncorrelated.
     fn update_reduced(state: &mut State, reduction: &Reduction, innovations: &[f32; 3]) {
         let change = Self::change_by_rates(state, reduction, innovations);
         state.correct(&change);

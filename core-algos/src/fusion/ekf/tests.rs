@@ -27,7 +27,7 @@ fn solve<const N: usize>(mut m: Matrix<N, N>, mut b: Matrix<N, N>) -> Matrix<N, 
     core::array::from_fn(|i| b[i].map(|entry| entry / m[i][i]))
 }
 
-/// The textbook filter.
+/// Reference: the textbook filter with the whole covariance, in `f64`.
 #[derive(Clone)]
 struct Reference {
     t: f64,
@@ -651,7 +651,7 @@ fn compounded_increments_carry_the_whole_covariance() {
             let increment = parts.take_increment();
             let delta = increment.posture.relative_to(last);
             last = increment.posture;
-            // Turn the noise from the end frame into the start frame.
+            // Turns the noise from the axle's coordinates at the end into those at the start.
             let (s, c) = sin_cos(delta.phi);
             let turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
             let noise = matrix::propagate(&turn, &increment.covariance);

@@ -57,7 +57,7 @@ fn row_times_column(row: &[f32; 3], column: &[f32; 3]) -> f32 {
     row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }
 
-/// Error of a posture `q` in a frame, due to an error of the frame along its own axes.
+/// Error of a posture `q` given relative to a body, due to the posture error of this body along its own axes.
 pub(super) fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
     let [x, y, phi] = *error;
     [x - q.y * phi, y + q.x * phi, phi]

@@ -336,9 +336,9 @@ enum Disturbance {
     Frame(Pose),
     /// Displacement of both axles by the floor per metre rolled, along the axes of the floor.
     Floor([f64; 2]),
-    /// Errors of every increment of front and rear, in the start frame of the increment.
+    /// Errors of every increment of front and rear, in the axle's coordinates at the start of the increment.
     Steady([Pose; 2]),
-    /// Error of one increment, in its end frame: step, axle and error.
+    /// Error of one increment, in the axle's coordinates at its end: step, axle and error.
     Noise(usize, usize, Pose),
 }
 

@@ -15,7 +15,7 @@ const LAG_GAIN: f32 = TICK as f32 / 3e3;
 /// Share of the gap that is crossed in a tick: 30 ms for the whole gap.
 const CROSSED: f32 = TICK as f32 / 30e3;
 
-/// The gap of one gear.
+/// Position of one gear in its backlash gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Backlash {
     torque: f32,

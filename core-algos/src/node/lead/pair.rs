@@ -21,7 +21,7 @@ pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
     [&axles[pair], &axles[pair + 1]]
 }
 
-/// State of a pair of neighbouring axles and the frame between them.
+/// Beam messages and fused estimate of a pair of neighbouring axles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Pair {
     /// Latest posture of the frame's tip, as seen from its root.
@@ -119,7 +119,7 @@ impl Pair {
     }
 }
 
-/// Estimates of an epoch.
+/// Fused estimates of an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fused {
     /// Output of the fusion for each pair of neighbouring axles, front first.

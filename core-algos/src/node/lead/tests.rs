@@ -155,7 +155,7 @@ fn restarted_axle_moves_like_its_neighbour() {
     }
 }
 
-/// A late measurement is advanced in the frame of the rear axle, which has turned by 45° since the measurement.
+/// A late measurement is advanced in the coordinates of the rear axle, which has turned by 45° since the measurement.
 #[test]
 fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
     let mut node = node();

@@ -46,7 +46,7 @@ impl AxleReport {
     }
 }
 
-/// Values of the latest epochs.
+/// Values of the latest `EPOCHS` epochs, found by the time at which the epoch began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
 
@@ -121,7 +121,7 @@ fn between(before: Posture, after: Posture) -> Posture {
     moved.relative_to(Posture::new(0.0, 0.0, before.phi))
 }
 
-/// State of one axle in the lead node.
+/// Latest report of one axle, and its odometric posture at the fused estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct AxleTrack {
     pub(super) report: AxleReport,

@@ -52,13 +52,13 @@ impl Queues {
 
 /// Ends of both [`Queues`], for the tick and the interrupt handlers.
 pub struct Ends<'a> {
-    /// The tick's end for frames to be sent.
+    /// End of the send queue to which the tick adds frames.
     pub to_send: Producer<'a, Timed>,
-    /// The tick's end for received frames.
+    /// End of the receive queue from which the tick takes frames.
     pub arrived: Consumer<'a, Timed>,
-    /// The transmit handler's end: queue and mailboxes.
+    /// End of the send queue from which the transmit handler takes frames, and the mailboxes.
     pub transmitter: Transmitter<'a>,
-    /// The receive handler's end for received frames.
+    /// End of the receive queue to which the receive handler adds frames.
     pub from_bus: Producer<'a, Timed>,
 }
 

@@ -9,9 +9,9 @@ impl Strip {
         [end[0] * inverse, end[1] * inverse, end[2]]
     }
 
-    /// Equilibrium at `end` (m, m, rad; root frame) on the branch of a guess: a curve given by its curvature (1/m) at
-    /// fractions of the length. The flag is true if the equilibrium is stable while the end is held. The angle of `end`
-    /// is the full turn of the strip, not wrapped. `None` if no equilibrium is found from the guess.
+    /// Equilibrium at `end` (m, m, rad; root coordinates) on the branch of a guess: a curve given by its curvature
+    /// (1/m) at fractions of the length. The flag is true if the equilibrium is stable while the end is held. The angle
+    /// of `end` is the full turn of the strip, not wrapped. `None` if no equilibrium is found from the guess.
     ///
     /// Newton's method starts from the guess. If the method fails or finds an equilibrium of another branch, it starts
     /// again from the exact elastica fitted to the curvatures. If both starts fail, the end moves in steps from the end

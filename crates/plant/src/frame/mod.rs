@@ -6,7 +6,7 @@
 //!
 //! U = EI/2 ∫(κ − κₙ)² ds − ∫(F·t)²/(2 EA) ds − F·(∫t ds − X),  t = (cos θ, sin θ),
 //!
-//! X being the end's position in the root frame. Newton's method acts on the symmetric system of
+//! X being the end's position in root coordinates. Newton's method acts on the symmetric system of
 //! all unknowns, factored as LDLᵀ without pivoting. The equilibrium is stable if exactly two pivots are
 //! negative. The end moment (1/L) ∂U/∂a₀ is second order in the error of a.
 //!
@@ -58,10 +58,10 @@ pub struct Strip {
     scale: [f64; 3],
 }
 
-/// An equilibrium and its linearisation.
+/// Equilibrium of a strip with its end held, and its linearisation about this end.
 #[derive(Clone, Debug)]
 pub struct Equilibrium {
-    /// End of the strip in the root frame.
+    /// End of the strip in root coordinates.
     end: [f64; 3],
     unknowns: Column,
     moment: f64,
@@ -76,14 +76,14 @@ pub struct Equilibrium {
     coupling: Column,
 }
 
-/// End and unknowns of an equilibrium.
+/// Strip's end and series coefficients, from which an equilibrium is restored.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     end: [f64; 3],
     unknowns: Column,
 }
 
-/// Result of a solution by Newton's method.
+/// Effort and outcome of a solution by Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Number of factorisations.
@@ -117,13 +117,13 @@ impl Strip {
         }
     }
 
-    /// Unstrained length, m.
+    /// Length of the strip without strain, m.
     pub fn length(&self) -> f64 {
         self.length
     }
 
-    /// Position of the end of an unstretched strip with coefficients `z` and end angle `turn`, in the root frame and in
-    /// units of the length.
+    /// Position of the end of an unstretched strip with coefficients `z` and end angle `turn`, in root coordinates and
+    /// in units of the length.
     fn ends(&self, z: &Column, turn: f64) -> [f64; 2] {
         let p: Points<Narrow> = self.points(z, turn);
         let weights = Twelve::load(&STRAND_WEIGHTS);
@@ -204,9 +204,9 @@ impl Strip {
         None
     }
 
-    /// Equilibrium at `end` (m, m, rad; root frame), followed from the equilibrium in `e`. `bend` corrects the linear
-    /// extrapolation to `end`; it is estimated from [`Self::near`] at half the motion, or zero. `None` if no stable
-    /// equilibrium is near; `e` then has the new end, its old unknowns and a changed linearisation.
+    /// Equilibrium at `end` (m, m, rad; root coordinates), followed from the equilibrium in `e`. `bend` corrects the
+    /// linear extrapolation to `end`; it is estimated from [`Self::near`] at half the motion, or zero. `None` if no
+    /// stable equilibrium is near; `e` then has the new end, its old unknowns and a changed linearisation.
     #[inline(always)]
     pub fn follow<V: Lanes>(
         &self,
@@ -334,7 +334,7 @@ impl Strip {
         ]
     }
 
-    /// Elastic energy, J.
+    /// Elastic energy of the strip in the equilibrium `e`, J.
     pub fn energy(&self, e: &Equilibrium) -> f64 {
         let mut u = 0.5 * e.end[2] * e.end[2];
         for i in 0..MODES {
@@ -365,7 +365,7 @@ impl Strip {
     }
 
     /// Point of the strip (m) at arc length `s` (m, clamped to the strip) and its angle (rad), in
-    /// the root frame.
+    /// root coordinates.
     pub fn point(&self, e: &Equilibrium, s: f64) -> [f64; 3] {
         let part = (s / self.length).clamp(0.0, 1.0);
         let (fx, fy) = (e.unknowns[MODES], e.unknowns[MODES + 1]);
@@ -417,7 +417,7 @@ impl Equilibrium {
         z
     }
 
-    /// End of the strip (m, m, rad) in the root frame.
+    /// End of the strip (m, m, rad) in root coordinates.
     pub fn end(&self, strip: &Strip) -> [f64; 3] {
         [
             self.end[0] * strip.length,

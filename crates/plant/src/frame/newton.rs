@@ -94,8 +94,8 @@ impl Factor {
         }
         forward!(0 1 2 3 4 5 6 7 8);
         let y = Column::store(Twelve(r) * self.reciprocal.load());
-        // Back substitution, from the last unknown to the first. In each row the unknown found last is subtracted last:
-        // only its product waits for the unknown.
+        // Back substitution, from the last unknown to the first. Each row subtracts the oldest unknown first: the other
+        // products are ready before the newest unknown is known, so only one multiplication follows it.
         let mut x = Column::ZERO;
         macro_rules! backward {
             ($($k:literal)+) => {
@@ -113,7 +113,7 @@ impl Factor {
     }
 }
 
-/// Integrands along the strip.
+/// Integrands at the twelve quadrature nodes along the strip.
 pub(super) struct Points<V> {
     pub sin: Twelve<V>,
     pub cos: Twelve<V>,
@@ -121,7 +121,7 @@ pub(super) struct Points<V> {
     pub tension: Twelve<V>,
     /// Force across the strip.
     pub shear: Twelve<V>,
-    /// Quadrature weight times stretch: length over unstrained length.
+    /// Quadrature weight times stretch (stretched length over unstrained length).
     pub length: Twelve<V>,
 }
 
@@ -331,7 +331,8 @@ impl Strip {
         norm(correction)
     }
 
-    /// One correction of `z` with the factors in `e`. Returns the size of the correction and the end moment.
+    /// One Newton correction of the unknowns `z`, with the matrix that is factored in `e`. Returns the size of the
+    /// correction and the end moment.
     #[inline(always)]
     pub(super) fn polish<V: Lanes>(
         &self,
@@ -458,7 +459,8 @@ fn factor<V: Lanes>(
             $({
                 let row = &factor.row[$k];
                 let mut v = scaled[$k] - V::splat(row[X]) * x - V::splat(row[Y]) * y;
-                // The unknown found last is subtracted last: only its product waits for the unknown.
+                // Oldest unknown first: the other products are ready before the newest unknown is known, so only one
+                // multiplication follows it.
                 for j in (($k + 1)..MODES).rev() {
                     v = v - V::splat(row[j]) * s[j];
                 }

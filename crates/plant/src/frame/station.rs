@@ -50,7 +50,7 @@ impl Strip {
         }
     }
 
-    /// Position of a place (m) in the root frame.
+    /// Position of a place (m) in root coordinates.
     #[inline]
     pub fn position(&self, tangents: &Tangents, station: &Station) -> [f64; 2] {
         let weights = Twelve::load(&station.weights);

@@ -35,7 +35,7 @@ pub fn drift(
     drift
 }
 
-/// Gravity along the floor (global, m/s²) in the axles' frames.
+/// Gravity along the floor (global, m/s²) in the axles' coordinates.
 #[inline(always)]
 pub fn downhill<const N: usize, const F: usize>(
     gravity: [f64; 2],

@@ -78,7 +78,7 @@ impl Frame {
         self.geometry = Geometry::new(&self.clamps, [front, rear], position, turn);
     }
 
-    /// The strip's end in the strip's root frame, for a geometry and a turn of the front axle from the rear axle.
+    /// The strip's end in the strip's root coordinates, for a geometry and a turn of the front axle from the rear axle.
     #[inline(always)]
     pub fn end(&self, geometry: &Geometry, turn: f64) -> Vec3 {
         let [x, y] = geometry.end;

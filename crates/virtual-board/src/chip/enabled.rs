@@ -21,7 +21,7 @@ impl Enabled {
         self.0.extend(set.map(|bit| (register, bit, now)));
     }
 
-    /// Removes all clocks, after a DSB of the program or a reset of the chip.
+    /// Forgets the clocks enabled so far: after a DSB of the program or a reset of the chip their delay is over.
     pub fn clear(&mut self) {
         self.0.clear();
     }

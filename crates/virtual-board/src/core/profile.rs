@@ -33,7 +33,7 @@ struct Running {
 pub struct Profile {
     /// Cycles for each halfword of flash.
     flash: Vec<u64>,
-    /// Cycles of instructions outside of flash, and of the first fetch of instructions in flash.
+    /// Cycles of instructions outside of flash, and of the first fetch of each instruction in flash.
     elsewhere: Cycles,
     exceptions: Vec<ExceptionProfile>,
     running: Vec<Running>,

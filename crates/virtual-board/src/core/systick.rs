@@ -85,7 +85,8 @@ impl SysTick {
             return false;
         };
         self.flag = true;
-        // The counter may have reached 0 several times since, so its value is computed from the first time.
+        // The counter may have wrapped several times from `zero` to `cycle`: it is set to 0 at `zero`, and `rebase`
+        // computes its value at `cycle`.
         self.value = 0;
         self.tick = self.ticks(zero);
         self.rebase(cycle);

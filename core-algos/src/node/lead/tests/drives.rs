@@ -13,7 +13,7 @@ struct World {
     number: u64,
     /// Epochs by which the beam's messages are late.
     late: usize,
-    /// Posture of the front axle in the rear axle's frame, by epoch.
+    /// Posture of the front axle in the rear axle's coordinates, by epoch.
     bends: Vec<Posture>,
 }
 

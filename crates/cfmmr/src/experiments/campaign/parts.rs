@@ -128,7 +128,7 @@ pub struct CampaignProgress {
     pub blocks: u64,
     /// Numbers of the blocks without a file.
     pub missing: Vec<u64>,
-    /// Damaged blocks, each with the reason.
+    /// Blocks that cannot be used, each as path and what is wrong with the file.
     #[serde(rename = "spoiled")]
     pub damaged: Vec<String>,
 }

@@ -74,7 +74,8 @@ pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 }
 
 /// Evaluates each line of `input` by `kernel` and writes one line of JSON. A refused line gives `{"error": …}` and does
-/// not stop the run. Empty lines are skipped. Returns true if no line was refused.
+/// not stop the run. Empty lines are skipped, configuration lines give no output, and a line that is too long ends the
+/// run with an error. Returns true if no line was refused.
 pub fn run(
     kernel: &mut dyn Kernel,
     mut input: impl BufRead,

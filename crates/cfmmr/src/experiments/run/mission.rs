@@ -27,7 +27,7 @@ pub enum Mission {
     Posture(Variant),
     /// Path following, or trajectory tracking along a path.
     Path(Box<Course>, PathMode),
-    /// Steps of a script.
+    /// Steps of a script, in the order of its lines.
     Script {
         /// The steps.
         lines: Vec<Line>,

@@ -153,7 +153,7 @@ impl Controller {
         )
     }
 
-    /// Settings; `None` until set.
+    /// Bit timing and mode of the controller; `None` until the program has set them.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
     }
