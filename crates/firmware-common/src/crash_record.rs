@@ -44,7 +44,7 @@ pub struct Text {
 }
 
 impl Text {
-    /// No text.
+    /// Empty text.
     pub const EMPTY: Self = Self {
         bytes: [0; MAX_BYTES],
         length: 0,

@@ -182,12 +182,12 @@ impl<F: NorFlash> Store<F> {
         true
     }
 
-    /// True if the newest copy of a value is in this sector only.
+    /// True if the newest copy of some value is in this sector only, so that an erase would lose the value.
     async fn is_needed(&mut self, sector: &Range<u32>) -> bool {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// Two flags of a sector: used by the library, blank.
+    /// True if the library has begun to use a sector, and true if the sector is blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         (begun, self.are_blank(sector.clone()).await)

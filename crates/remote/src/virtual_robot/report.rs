@@ -10,7 +10,7 @@ use virtual_board::wire::Statistics;
 /// Exception number of the current loop's handler.
 const ADC: u16 = 16 + 18;
 
-/// Observations of a board during a run.
+/// Tick timing, state at the start and identity of a board, observed during a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BoardObservations {
     missed_ticks: u8,

@@ -297,7 +297,7 @@ impl Gpio {
         }
     }
 
-    /// Levels of a port in the input register.
+    /// Value of a port's input register: the levels of its pins. Checks that connected input pins do not float.
     fn input(&self, port: usize, shared: &mut Shared) -> u32 {
         let mut bits = 0;
         for number in 0..16 {

@@ -203,7 +203,7 @@ impl Chip {
         any.downcast_mut()
     }
 
-    /// Findings so far.
+    /// Findings of the board so far.
     pub fn findings(&self) -> &Findings {
         &self.shared.findings
     }
@@ -229,7 +229,7 @@ impl Chip {
         self.longest_reaction
     }
 
-    /// Present clocks.
+    /// Clocks of core and buses, as the program has configured them.
     pub fn clocks(&self) -> Clocks {
         self.shared.clocks
     }

@@ -89,7 +89,7 @@ impl WindowWatchdog {
         (shared.clocks.apb1 * 4096) << (self.configuration >> 7 & 3)
     }
 
-    /// Present count.
+    /// Count of the watchdog at `now`.
     fn counted(&self, now: Cycles) -> u32 {
         let left = match (self.reset_at, self.left) {
             (Some(at), _) => at.saturating_sub(now),

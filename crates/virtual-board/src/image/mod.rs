@@ -82,7 +82,7 @@ pub struct Symbol {
     pub size: u32,
 }
 
-/// An image.
+/// Program of a board, checked, with its symbols and source lines.
 #[derive(Debug)]
 pub struct Image {
     bytes: Vec<u8>,

@@ -263,7 +263,7 @@ impl Wire {
         self.asleep = still && !driven && self.quiet_until() > at;
     }
 
-    /// Updates the number of nodes for which the bus is not idle.
+    /// Counts a node for which the bus is no longer idle, or is idle again.
     fn occupy(&mut self, is_busy: bool) {
         if is_busy {
             self.busy += 1;

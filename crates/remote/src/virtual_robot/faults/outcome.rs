@@ -15,7 +15,7 @@ pub struct FaultCase<'a> {
     pub seed: u64,
 }
 
-/// Kind of end of a run with a fault.
+/// How a run with a fault ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -34,7 +34,7 @@ pub struct Outcome {
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,
-    /// End of the run.
+    /// How the run ended.
     pub end: End,
     /// First reason of a stop seen on the bus; `None` without a stop.
     #[serde(serialize_with = "name")]

@@ -100,7 +100,7 @@ impl AdcBench {
         }
     }
 
-    /// Advances to `end`, inclusive.
+    /// Handles the converter's events up to and including cycle `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         while self.shared.arrive(Unit::Adc, end) {
             self.adc.event(&mut self.shared);

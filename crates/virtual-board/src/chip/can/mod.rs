@@ -94,7 +94,7 @@ impl Can {
         self.lines(shared);
     }
 
-    /// Messages lost in the FIFOs.
+    /// Messages lost because a receive FIFO was full, since the first power-on.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -297,7 +297,7 @@ impl Can {
         *register = value;
     }
 
-    /// Updates the four interrupt lines.
+    /// Sets CAN1's four interrupt lines from its flags.
     fn lines(&self, shared: &mut Shared) {
         let enabled = |bit: u32| self.ier & bit != 0;
         let complete = self.mailboxes.iter().any(|m| m.flags & RQCP != 0);
@@ -317,7 +317,7 @@ impl Can {
         shared.line(Interrupt::Can1Sce, change);
     }
 
-    /// Schedules the next event or FIFO release.
+    /// Schedules the controller's next bus event or FIFO release.
     fn plan(&self, shared: &mut Shared) {
         let event = self.events.front().map(|e| shared.base.cycle_of(e.at));
         let releases = self.fifos.iter().map(|fifo| fifo.release);
@@ -327,7 +327,7 @@ impl Can {
         }
     }
 
-    /// Queues an event of the bus.
+    /// Queues an event that the bus reports; the controller handles it at its time.
     pub fn post(&mut self, event: Event, shared: &mut Shared) {
         self.events.push_back(event);
         if self.events.len() == 1 {

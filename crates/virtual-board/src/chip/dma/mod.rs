@@ -90,7 +90,7 @@ impl Dma {
         self.assigned_streams[request as usize]
     }
 
-    /// Next item of a stream: source, destination, width.
+    /// Next transfer of a stream: source address, destination address, width.
     pub fn item(&self, stream: usize) -> (u32, u32, Width) {
         self.streams[stream].item()
     }
@@ -117,7 +117,7 @@ impl Dma {
         ended
     }
 
-    /// Updates the assignment of streams to requests.
+    /// Finds the stream that serves each request.
     fn assign_streams(&mut self) {
         self.assigned_streams = [None; Request::COUNT];
         for &(controller, stream, channel, request) in REQUESTS.iter().rev() {

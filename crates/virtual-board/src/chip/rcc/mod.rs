@@ -304,7 +304,7 @@ impl Rcc {
         self.update(shared);
     }
 
-    /// Recomputes the frequencies.
+    /// Recomputes the clocks of core and buses; a clock above its limit is a finding.
     fn update(&mut self, shared: &mut Shared) {
         let system_hz = self.source_hz(self.system, shared);
         let clocks = tree::clocks(self.reg(8), system_hz);

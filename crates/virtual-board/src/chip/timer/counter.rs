@@ -84,7 +84,7 @@ impl Counter {
         self.step = self.clock * (u64::from(prescaler) + 1);
     }
 
-    /// First edge of the timer's clock at `now` or later.
+    /// First edge of the timer's clock that is not before `now`.
     pub fn edge(&self, now: Cycles) -> Cycles {
         now.div_ceil(self.clock) * self.clock
     }
@@ -142,7 +142,7 @@ impl Counter {
         }
     }
 
-    /// Changes reload value, direction or alignment.
+    /// Applies `change` to reload value, direction or alignment; a running counter then continues.
     pub fn adapt(&mut self, now: Cycles, change: impl FnOnce(&mut Self)) {
         let runs = self.leg.is_some();
         self.stop(now);
