@@ -37,7 +37,7 @@ pub struct AxleReport {
     pub feedback: Feedback,
     /// Estimated temperatures of the motor windings (left, right), °C.
     pub winding_c: [f32; 2],
-    /// Number of restarts of the nodes since the start.
+    /// Number of restarts of this board's nodes since the start.
     pub restarts: u16,
     /// True if the inertial sensor responds.
     pub inertial: bool,

@@ -40,7 +40,7 @@ pub struct BeamReport {
     pub temperature_c: Option<f32>,
     /// Number of gauges used by the latest posture.
     pub gauges: u8,
-    /// Number of losses of conversions since the start.
+    /// Number of times that conversions were lost since the start.
     pub lost: u16,
     /// Standard deviations of the bridges over the last 10 s with the motors off, counts.
     pub noise: Option<[f32; MAX_GAUGES]>,
@@ -80,7 +80,7 @@ pub struct BeamTick {
     motors_off: bool,
     /// Request number of the calibration that is being saved.
     saving: Option<u8>,
-    /// Number of losses of conversions.
+    /// Number of times that conversions were lost since the start.
     lost: u16,
     rest_noise: RestNoise<MAX_GAUGES>,
     noise: Option<[f32; MAX_GAUGES]>,

@@ -247,7 +247,7 @@ impl<F: NorFlash> Store<F> {
         let Ok(mut items) = map.fetch_all_items(&mut buffer).await else {
             return;
         };
-        // An unreadable item ends the sector; the manifest shows which values were lost with it.
+        // Reading a sector ends at an unreadable item; the manifest shows which values are missing.
         while let Ok(Some((WithKeyByte, item))) = items.next::<&[u8]>(&mut buffer).await {
             if let Some((&key, bytes)) = item.split_first() {
                 contents.take(key, bytes);

@@ -272,7 +272,7 @@ impl VirtualRobot {
         self.booted.seconds()
     }
 
-    /// Frames on the bus so far.
+    /// Number of frames on the bus so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -36,8 +36,8 @@ impl BoardObservations {
         self.identity = Some((build, schema));
     }
 
-    /// Records the state of a board that is ready: lowest stack pointer, core frequency, frames abandoned while it
-    /// was alone on the bus, ticks missed until it was synchronised.
+    /// Records the state of a board that is ready: lowest stack pointer, core frequency, frames abandoned while the
+    /// board was alone on the bus, ticks missed until the board was synchronised.
     pub fn booted(&mut self, board: &mut Board, lost: u64) {
         (self.boot_lost, self.boot_missed) = (lost, self.missed_ticks);
         self.boot_sp = board.core().lowest_msp();

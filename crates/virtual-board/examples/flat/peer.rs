@@ -46,7 +46,7 @@ pub fn restart(core: &mut Core, flat: &mut Flat) {
     assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
 }
 
-/// Sets registers and flags.
+/// Sets registers and flags of the core from the [`WORDS`] words of a state.
 pub fn set_state(core: &mut Core, words: &[u32]) {
     for (number, &word) in words[..15].iter().enumerate() {
         core.set_register(number, word);

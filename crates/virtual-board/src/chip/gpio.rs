@@ -118,7 +118,7 @@ impl Routes {
     }
 }
 
-/// All ports.
+/// Ports of the chip, with the drives and nets of their pins.
 #[derive(Clone)]
 pub(crate) struct Gpio {
     ports: [Port; PORTS],

@@ -32,7 +32,7 @@ const LOWEST: u32 = 0x40;
 
 #[derive(Clone)]
 pub(crate) struct WindowWatchdog {
-    /// Count while inactive.
+    /// Count while the watchdog is inactive.
     count: u32,
     configuration: u32,
     active: bool,

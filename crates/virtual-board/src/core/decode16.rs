@@ -272,7 +272,7 @@ fn hint(h: u32) -> Insn {
     Insn::new(Op::It).with_imm(h & 0xff)
 }
 
-/// Load of a size with a constant offset; signed sizes have no 16-bit encoding.
+/// Operation of a load of this size with a constant offset; signed sizes have no 16-bit encoding.
 pub(super) const fn load_offset(size: Size) -> Op {
     [
         Op::LdrImm,
@@ -283,7 +283,7 @@ pub(super) const fn load_offset(size: Size) -> Op {
     ][size as usize]
 }
 
-/// Load of a size with a register offset.
+/// Operation of a load of this size with a register offset.
 pub(super) const fn load_register(size: Size) -> Op {
     [
         Op::LdrReg,

@@ -36,7 +36,7 @@ const KNOWN: u8 = 0x80;
 const READ: u8 = 1;
 const WRITE: u8 = 2;
 
-/// Number of cached 32-byte granules in SRAM1 and SRAM2 (128 KiB at 0x2000_0000), then with CCM (64 KiB at
+/// Numbers of cached 32-byte granules: those of SRAM1 and SRAM2 (128 KiB at 0x2000_0000); all, with CCM (64 KiB at
 /// 0x1000_0000).
 const SRAM_GRANULES: usize = 4096;
 const GRANULES: usize = SRAM_GRANULES + 2048;
@@ -159,7 +159,7 @@ impl Mpu {
             return true;
         }
         if self.regions.iter().any(|r| r.overlaps_page(page)) {
-            // The page is uniform if the highest region that overlaps it covers all of it.
+            // The page is uniform if one region covers all of it: the overlapping region with the highest number.
             let Some(last) = self.regions.iter().rfind(|r| r.overlaps_page(page)) else {
                 return false;
             };

@@ -85,7 +85,7 @@ impl SysTick {
             return false;
         };
         self.flag = true;
-        // The counter may have reached 0 several times since, so its value is computed from the first time.
+        // The counter may have reached 0 several times up to `cycle`, so its value is computed from the first zero.
         self.value = 0;
         self.tick = self.ticks(zero);
         self.rebase(cycle);

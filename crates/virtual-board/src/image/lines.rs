@@ -4,7 +4,7 @@ use gimli::{Dwarf, EndianSlice, LittleEndian, SectionId, Unit};
 use std::collections::HashMap;
 use std::fmt;
 
-/// A source line.
+/// File and line of source code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SourceLine<'a> {
     /// File, with its directory at compile time.

@@ -315,7 +315,7 @@ fn vectors(segments: &[Segment]) -> Result<(), Wrong> {
     };
     let sp = u32::from_le_bytes([a, b, c, d]);
     let reset = u32::from_le_bytes([e, f, g, h]);
-    // The stack grows down from its first address, which may be the end of the memory.
+    // The stack grows down from the initial stack pointer, which may be the end of the memory.
     let in_memory = [SRAM, CCM].iter().any(|m| sp > m.start && sp <= m.end);
     if !in_memory || sp % 4 != 0 {
         return Err((

@@ -64,7 +64,7 @@ impl Receiver {
         Frame::raw(id, self.remote, self.code, data.to_be_bytes())
     }
 
-    /// Takes the next bit.
+    /// Takes the next bit of the frame and returns its meaning.
     pub fn step(&mut self, dominant: bool) -> ReceiverStep {
         if self.total == Some(self.count) && self.run != 5 {
             return self.tail(dominant);

@@ -119,8 +119,8 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
             panic!();
         };
         let bits = frame.bits().length() as u64;
-        // From the first sample point to the last are all bits but one. The acknowledgement is late by twice the delay,
-        // so the sender synchronizes by its jump width, a seventh of a bit.
+        // From its first to its last sample point, a frame has one bit less than its length. The acknowledgement is
+        // late by twice the delay, so the sender synchronizes by its jump width, a seventh of a bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
         // The frame starts within a bit after the request; `start` is the sample point, at 6/7 of the bit.

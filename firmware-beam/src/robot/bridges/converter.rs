@@ -230,7 +230,7 @@ fn stop() -> bool {
     // Switching the converter off makes the next scan begin with the first channel. A pending DMA request and the
     // overrun flag would prevent further requests.
     pac::ADC1.cr2().write(|_| {});
-    // Read the result that was not fetched, so that it is not the first of the next scan.
+    // Reads the unfetched result, which would otherwise be the first of the next scan.
     pac::ADC1.dr().read();
     pac::ADC1.sr().write_value(Sr(0));
     // A stopped stream sets its flag of completion, and a stream does not start while a flag is set.

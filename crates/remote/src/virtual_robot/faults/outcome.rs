@@ -51,8 +51,8 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// Description of a stop that the entry does not permit; `None` if it permits the stop. `off_s` is the time until all
-/// motors were off, `own_off_s` until the last PWM pulse of the affected axle.
+/// Description of a stop that the entry does not permit; `None` if the entry permits the stop. `off_s` is the time
+/// until all motors were off, `own_off_s` until the last PWM pulse of the affected axle.
 pub(super) fn stop_violation(
     entry: &Entry,
     reason: Option<Condition>,

@@ -209,7 +209,7 @@ impl Adc {
         shared.clocks.apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1)
     }
 
-    /// Sampling time of a channel, clocks.
+    /// Sampling time of a channel, clocks of the converter.
     fn sampling(&self, channel: u32) -> u64 {
         let bits = match channel {
             0..=9 => self.reg(SMPR2) >> (3 * channel),

@@ -95,7 +95,7 @@ impl Dma {
         self.streams[stream].item()
     }
 
-    /// Records a moved item, or a bus error if not `done`. True if a block ended.
+    /// Records that an item was transferred, or a bus error if not `done`. True if a block ended.
     pub fn moved(&mut self, stream: usize, done: bool, shared: &mut Shared) -> bool {
         let s = &mut self.streams[stream];
         let ended = done && s.moved();

@@ -47,7 +47,8 @@ mod tests {
     #[test]
     fn pulse_is_centred_on_zero_and_twice_the_compare_value_long() {
         let inside = |up: bool| (0..=10).filter(|&c| is_inside(c, 3, up)).count();
-        // The counts inside the pulse are 0, 1, 2 upward and 3, 2, 1, 0 downward; the 0 is the same step in both.
+        // Upward the counts 0, 1, 2 are inside the pulse, downward 3, 2, 1, 0. Count 0 lasts for one step, shared by
+        // both directions.
         assert_eq!((inside(true), inside(false)), (3, 4));
         assert_eq!(Mode::Pulse1.reference(false), Some(false));
         assert_eq!(Mode::Pulse2.reference(false), Some(true));
