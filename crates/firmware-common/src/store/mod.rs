@@ -27,8 +27,8 @@ use view::View;
 
 type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
 
-/// Key type for reading: it leaves the key byte in the value. With a key of one byte the library panics on an item of
-/// no bytes, when it cuts the key off.
+/// Key type for reading, which leaves the key byte in the value. With a key of one byte, the library panics when it
+/// cuts the key off an item without bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct WithKeyByte;
 

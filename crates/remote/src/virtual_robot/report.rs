@@ -50,7 +50,7 @@ impl BoardObservations {
     }
 }
 
-/// Finding: use of the chip by a board's program that its manual forbids or that the model does not know.
+/// Finding: use of the chip by a board's program that the chip's manual forbids or that is not modelled.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardFinding {
     /// Kind of the finding, as text.

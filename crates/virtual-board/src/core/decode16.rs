@@ -195,7 +195,7 @@ fn multiple(h: u32) -> Insn {
     }
     let first = list & list.wrapping_neg();
     if h & 0x800 == 0 {
-        // The base register may only be stored if it is the first in the list.
+        // The base register may be in the list only as the first register.
         if list >> n & 1 != 0 && first != 1 << n {
             return UNPREDICTABLE;
         }

@@ -10,7 +10,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// A profile that has one value at all times.
+    /// A constant profile.
     pub fn constant(value: f64) -> Self {
         Self {
             points: vec![(Time(0), value)],

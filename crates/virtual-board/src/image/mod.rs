@@ -164,7 +164,7 @@ impl Image {
         let pc = pc & !1;
         let after = self.functions.partition_point(|s| s.address <= pc);
         let symbol = self.functions.get(after.checked_sub(1)?)?;
-        // A function of unknown length extends to the next one.
+        // A function of unknown length extends to the next function.
         (symbol.size == 0 || pc - symbol.address < symbol.size).then_some(symbol)
     }
 

@@ -8,7 +8,7 @@ use super::node::ErrorKind;
 pub(crate) enum ReceiverStep {
     /// The bit has no special meaning; the frame continues.
     More,
-    /// The checksum is complete and correct: the bit after the next one acknowledges.
+    /// The checksum is complete and correct: after one more bit follows the slot for the acknowledgement.
     Acknowledge,
     /// The frame is valid for a receiver: last but one bit of the end of frame.
     Valid,

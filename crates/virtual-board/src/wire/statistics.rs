@@ -2,7 +2,7 @@
 
 use super::node::ErrorKind;
 
-/// Counts of one node since the start.
+/// Numbers of frames and errors of one node since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Frames transmitted and acknowledged.

@@ -311,8 +311,8 @@ fn stuck_dominant_bus_causes_bus_off_and_recovery() {
     bench.disturb(micros(120), micros(2000));
     bench.run(micros(2000));
     let off = bench.events(0, |w| *w == EventKind::Off);
-    // The transmit counter rises by 8 for the error, then by 8 for every 8 dominant bits after the flag of 6 bits. It
-    // reaches 256 at the 32nd step.
+    // The transmit counter rises by 8 for the error, then by 8 for every 8 dominant bits after the flag of 6 bits. The
+    // counter reaches 256 at the 32nd step.
     let bits = off[0].at.micros() - 120;
     assert!((6 + 31 * 8 - 3..6 + 31 * 8 + 12).contains(&bits), "{bits}");
     let receiver = bench.events(1, |_| true).pop().map(|e| (e.tec, e.rec));

@@ -121,8 +121,8 @@ impl Pwm {
         self.trigger = (trigger, self.trigger.0);
     }
 
-    /// Time from the beginning of the period to the conversions before the latest [`Pwm::set`], µs. It varies by 23 µs
-    /// with the duties.
+    /// Time from the beginning of the period to the conversions before the latest [`Pwm::set`], µs. The time varies by
+    /// 23 µs with the duties.
     pub fn phase_us(&self) -> u64 {
         u64::from(self.trigger.1 / COUNTS_PER_US)
     }

@@ -1,5 +1,5 @@
-//! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks after its
-//! trigger, an injected one three. One clock of the converter is two core cycles.
+//! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks of the
+//! converter after its trigger, an injected conversion three. One clock of the converter is two core cycles.
 
 use super::*;
 use crate::chip::circuit::Circuit;

@@ -58,7 +58,7 @@ const REQUESTS: [(Controller, usize, u32, Request); 5] = [
     (Controller::Dma2, 4, 0, Request::Adc1),
 ];
 
-/// First bit of a stream's flags in its status register.
+/// Position of a stream's lowest flag in the status register.
 fn shift(stream: usize) -> u32 {
     [0, 6, 16, 22][stream % 4]
 }

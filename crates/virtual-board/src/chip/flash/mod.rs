@@ -89,7 +89,7 @@ enum Keys {
     Broken,
 }
 
-/// The flash and its interface.
+/// Flash memory with its registers and its accelerator.
 #[derive(Clone)]
 pub(crate) struct Flash {
     bytes: Vec<u8>,

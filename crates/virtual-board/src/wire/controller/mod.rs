@@ -48,7 +48,7 @@ enum State {
     Frame,
     /// Sends an error or overload flag: number of bits so far.
     Flag(u8),
-    /// Waits for the end of the other nodes' flags. Number of dominant bits so far; after 8 it restarts at 1.
+    /// Waits for the end of the other nodes' flags. Number of dominant bits so far; the number restarts at 1 after 8.
     Await(u8),
     /// Number of recessive bits of a delimiter so far.
     Delimiter(u8),

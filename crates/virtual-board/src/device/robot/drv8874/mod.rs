@@ -217,7 +217,8 @@ impl Drv8874 {
         self.settle();
     }
 
-    /// Sets a transistor of a half bridge stuck on, the upper or the lower one; `None` clears the fault.
+    /// Sets a transistor of a half bridge stuck on: true for the upper transistor, false for the lower; `None` clears
+    /// the fault.
     pub fn set_stuck(&mut self, half: Half, upper: Option<bool>, at: Time) {
         self.advance(at);
         self.legs[half as usize].stuck = upper.map(|up| if up { Gate::High } else { Gate::Low });
@@ -326,7 +327,7 @@ impl Drv8874 {
         }
     }
 
-    /// Source at the motor's terminals for a direction of its current.
+    /// Source at the motor's terminals while its current has the sign of `flow`.
     fn source(&self, flow: f64) -> Source {
         let (first, second) = (self.output(0, flow), self.output(1, -flow));
         let share = |leg, flow| f64::from(u8::from(self.is_at_supply(leg, flow)));
