@@ -329,7 +329,7 @@ impl SerialRobot {
         self.tick * TICK
     }
 
-    /// Tick of the run, ms.
+    /// Number of ticks since the start of the run, of 1 ms each.
     fn run_tick(&self) -> u32 {
         self.tick.saturating_sub(self.start) as u32
     }

@@ -34,7 +34,7 @@ struct Shared {
     boards: Vec<Mutex<Slot>>,
     /// Slots of the boards in the order in which they are taken.
     order: Vec<AtomicUsize>,
-    /// End of the quantum, ps.
+    /// Time at which the quantum ends, ps.
     until: AtomicU64,
     /// Number of attempts to take a board in this quantum; exceeds the number of boards if a worker found none left.
     taken: AtomicUsize,

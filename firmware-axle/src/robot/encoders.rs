@@ -18,7 +18,7 @@ use embassy_time::{Duration, block_for};
 /// Time longer than the delay of the filter.
 const FILTERED: Duration = Duration::from_micros(10);
 
-/// The encoders (left, right).
+/// Timers that count the wheel encoders (left, right).
 pub struct Encoders {
     left: Qei<'static, TIM3>,
     right: Qei<'static, TIM4>,

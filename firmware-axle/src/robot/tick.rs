@@ -58,7 +58,7 @@ pub struct Axle {
     pub button: Button,
     /// Axle node, and lead node on the front board.
     pub nodes: &'static mut Board,
-    /// Wheel observers for the back-EMF.
+    /// Observer of the wheel speeds, which give the back EMF.
     pub observer: WheelObserver,
     /// Thermal model of the motors.
     pub winding: Winding,

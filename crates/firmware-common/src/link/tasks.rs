@@ -41,7 +41,7 @@ pub fn ends() -> (TickEnd, LinkEnd) {
     CHANNELS.take().split()
 }
 
-/// The serial port of a board.
+/// Opened serial port, and the identity that the board reports.
 pub struct Link {
     uart: Uart,
     identity: Identity,

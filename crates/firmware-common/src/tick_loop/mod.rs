@@ -60,7 +60,7 @@ pub trait Hardware {
 pub trait BoardTick {
     /// Hardware of the tick loop.
     type Hardware: Hardware;
-    /// Input that arrives with the tick.
+    /// Input that comes with a tick: samples on a beam board, nothing on an axle board.
     type Input;
     /// Sensor samples, taken at the start of a tick.
     type Samples;

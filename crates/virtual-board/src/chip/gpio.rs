@@ -40,7 +40,7 @@ struct Port {
     alternate: [u32; 2],
 }
 
-// Modes of a pin.
+// Modes of a pin in MODER.
 const INPUT: u32 = 0;
 const OUTPUT: u32 = 1;
 const ALTERNATE_FUNCTION: u32 = 2;
@@ -132,7 +132,7 @@ pub(crate) struct Gpio {
     level: [bool; PINS],
     /// Drive of each peripheral output.
     signals: [Drive; Signal::COUNT],
-    /// Nets of the board.
+    /// Nets of the bare board at the pins.
     nets: [Option<&'static Net>; PINS],
 }
 

@@ -53,7 +53,7 @@ struct Glitch {
     to: Time,
 }
 
-/// An encoder on a wheel.
+/// Encoder on a wheel, with its motion, faults and glitches.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     config: EncoderConfig,

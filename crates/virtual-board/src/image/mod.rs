@@ -35,7 +35,7 @@ pub struct ImageError {
     pub file: String,
     /// Name of the invalid field.
     pub field: &'static str,
-    /// Value of the field.
+    /// Value of the field, which is not allowed.
     pub value: String,
     /// Allowed values of the field.
     pub allowed: &'static str,
@@ -71,7 +71,7 @@ impl Segment {
     }
 }
 
-/// A function or a variable.
+/// Function or variable of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Symbol {
     /// Name as in the source, without hash.

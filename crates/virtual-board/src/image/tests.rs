@@ -7,7 +7,7 @@ use gimli::write::{
 };
 use gimli::{Encoding, Format, LineEncoding};
 
-/// Parts of an ELF file.
+/// Parts of an ELF file, from which the file is built.
 #[derive(Clone)]
 pub(crate) struct Builder {
     /// Physical address, virtual address, content.

@@ -108,7 +108,7 @@ impl Times {
         &self.interrupts
     }
 
-    /// Cycles of all instructions.
+    /// Cycles of all instructions since profiling began.
     pub fn total(&self) -> Cycles {
         self.functions.iter().map(|f| f.cycles).sum()
     }

@@ -24,7 +24,7 @@ pub(crate) enum ReceiverStep {
 const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
-/// A frame being received.
+/// Frame being received: the bits so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,

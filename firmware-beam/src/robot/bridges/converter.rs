@@ -73,7 +73,7 @@ static RING: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
 static FULL: AtomicU32 = AtomicU32::new(0);
 static READY: Signal<CriticalSectionRawMutex, Ready> = Signal::new();
 
-/// A block that is full.
+/// Latest full block: its half of the ring, its number and the time at which it was full.
 #[derive(Clone, Copy)]
 struct Ready {
     half: Half,
@@ -81,10 +81,10 @@ struct Ready {
     local: Micros,
 }
 
-/// The converter.
+/// Access to the blocks of samples, for the tick.
 pub struct Converter {
     samples: &'static mut [u16; BLOCK],
-    /// Time of the latest full block.
+    /// Local time of the latest full block; `None` before the first.
     last: Option<Micros>,
 }
 

@@ -52,7 +52,7 @@ pub struct Counts {
     pub regular: u64,
     /// Conversions of the injected group.
     pub injected: u64,
-    /// Overruns.
+    /// Overruns of the regular group: results lost because the previous result was not read.
     pub overruns: u64,
 }
 

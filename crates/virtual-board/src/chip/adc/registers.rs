@@ -4,7 +4,7 @@ use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
 use super::super::timer::TimerId;
 
-// Offsets of registers.
+// Offsets of the converter's registers.
 pub(super) const SR: u32 = 0x00;
 pub(super) const CR1: u32 = 0x04;
 pub(super) const CR2: u32 = 0x08;

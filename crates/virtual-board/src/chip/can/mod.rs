@@ -38,10 +38,10 @@ use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
 use registers::*;
 use std::collections::VecDeque;
 
-/// The highest bit rate, bit/s.
+/// Highest bit rate that the controller supports, bit/s.
 const MAX_RATE: u64 = 1_000_000;
 
-/// Operating mode of the controller.
+/// Operating mode of the controller, set by INRQ and SLEEP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
     #[default]
@@ -69,7 +69,7 @@ pub(crate) struct Can {
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,
-    /// Messages lost since the first power-on.
+    /// Messages lost because a receive FIFO was full, since the first power-on.
     lost: u64,
     actions: VecDeque<(Time, Action)>,
     events: VecDeque<Event>,

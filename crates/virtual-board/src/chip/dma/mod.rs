@@ -43,7 +43,7 @@ macro_rules! streams {
 
 const REGISTERS: &[Register] = streams!(0 1 2 3 4 5 6 7);
 
-/// One of the two controllers.
+/// DMA controller of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Controller {
     Dma1,

@@ -27,7 +27,7 @@ pub(super) struct Stream {
     pub memory: [u32; 2],
     pub fcr: u32,
     pub flags: u32,
-    /// Items in a block.
+    /// Number of items in a block: NDTR when the stream was enabled.
     block: u32,
     /// Increment of the memory address since the start of the block, bytes.
     byte_offset: u32,

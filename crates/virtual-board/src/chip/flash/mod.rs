@@ -68,7 +68,7 @@ enum Operation {
     Erase { first: usize, last: usize },
 }
 
-/// Operation that the program has begun.
+/// Erase or programming that the program has begun, with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashOperation {
     /// Start time of the operation.

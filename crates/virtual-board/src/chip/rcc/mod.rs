@@ -99,7 +99,6 @@ pub(crate) struct Kept {
     backup: u32,
 }
 
-/// Reset and clock control.
 #[derive(Clone)]
 pub(crate) struct Rcc {
     /// Registers that only store the written value, by offset / 4.

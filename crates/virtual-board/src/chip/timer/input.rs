@@ -45,7 +45,7 @@ impl Filter {
     }
 }
 
-/// An input with its filter.
+/// Input of a timer with its digital filter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Input {
     /// Level at the pin.

@@ -30,7 +30,7 @@ characteristics! {
     }
 }
 
-/// Faults of a bridge.
+/// Fault of a bridge or its amplifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BridgeFault {
     /// No fault.

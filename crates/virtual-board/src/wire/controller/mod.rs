@@ -24,7 +24,7 @@ const PASSIVE: u16 = 128;
 /// Transmit counter value from which a controller is in bus-off.
 const OFF: u16 = 256;
 
-/// A mailbox waiting for transmission.
+/// Mailbox waiting for transmission, with its frame.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     mailbox: u8,
@@ -153,7 +153,7 @@ impl Controller {
         )
     }
 
-    /// Settings; `None` until set.
+    /// Settings of the controller; `None` until set.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
     }
@@ -422,7 +422,7 @@ impl Controller {
         self.rest();
     }
 
-    /// Begins the intermission.
+    /// Begins the intermission after a frame or a delimiter.
     fn rest(&mut self) {
         self.state = State::Intermission(0);
         if self.leaving {
