@@ -18,7 +18,7 @@ use embassy_sync::signal::Signal;
 
 use crate::record::{Entries, Reader, Recorder, Ring};
 
-/// Result of an order; an error if the lead node rejected a part.
+/// Result of an order; an error if the lead node rejected a part of the order.
 pub type OrderResult = Result<(), PathError>;
 
 /// Memory of the channels: one per board, in a static.

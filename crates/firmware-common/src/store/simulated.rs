@@ -30,7 +30,7 @@ impl Random {
 pub enum Torn {
     /// The word or sector keeps its former content.
     Untouched,
-    /// Some bits have their new value.
+    /// Some bits of the word or sector have their new value.
     Bits,
     /// Only the first part of the sector is erased; a word is written.
     Front,

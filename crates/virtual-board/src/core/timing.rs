@@ -160,7 +160,7 @@ fn alone(insn: &Insn) -> u32 {
         Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,
         Op::Ldrd | Op::Strd => 3,
         Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
-        // The list excludes the program counter, which takes one more cycle.
+        // The list of registers excludes the program counter, which takes one more cycle.
         Op::PopPc => 2 + registers,
         Op::Table => 2,
         Op::Mla | Op::Mls => 1,

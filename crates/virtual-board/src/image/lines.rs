@@ -28,7 +28,7 @@ struct LineRow {
     line: u32,
 }
 
-/// The whole table, in the order of addresses.
+/// Line table of an image, in the order of addresses.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
     rows: Vec<LineRow>,
