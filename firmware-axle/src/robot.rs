@@ -159,7 +159,7 @@ fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
     Button::new(pin, start, settings.button)
 }
 
-/// Clock of a board; the front board's clock is the common time.
+/// Synchronisation of a board's ticks; the front board's clock is the common time.
 fn clock(role: Role) -> TickSync {
     match role {
         Role::LEAD => TickSync::leading(),

@@ -92,7 +92,7 @@ fn stop_with_core() {
     DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
 }
 
-/// Cause of the last reset.
+/// Cause of the latest reset, from the reset flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum ResetCause {
     /// Power came on, or sagged below the brown-out level of the option bytes.
@@ -110,7 +110,7 @@ pub enum ResetCause {
 }
 
 impl ResetCause {
-    /// Reads the flags and clears them.
+    /// Reads the cause from the reset flags, then clears the flags.
     fn take() -> Self {
         let flags = RCC.csr().read();
         RCC.csr().modify(|w| w.set_rmvf(true));

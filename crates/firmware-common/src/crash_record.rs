@@ -44,7 +44,7 @@ pub struct Text {
 }
 
 impl Text {
-    /// No text.
+    /// Empty text.
     pub const EMPTY: Self = Self {
         bytes: [0; MAX_BYTES],
         length: 0,
@@ -81,7 +81,7 @@ pub struct Record {
     magic: u32,
     /// Counts of faults.
     pub faults: Faults,
-    /// Message of the last fault.
+    /// Message of the latest fault.
     pub message: Text,
     sum: u32,
 }

@@ -26,7 +26,7 @@ const CAPTURE_POLLS: u32 = 1_600;
 const HSE_RTC: u32 = 2;
 /// Half a blink period as turns of a three-cycle delay; the LED flashes 20 times a second.
 const BLINK: u32 = INTERNAL_HZ / 3 / 40;
-/// Blinks between two measurements.
+/// Number of blinks between two measurements of the crystal.
 const BLINKS: u32 = 8;
 
 /// Returns once the crystal has its nominal frequency. Until then the LED blinks, and the watchdog resets the board

@@ -9,7 +9,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 static TICK: InterruptExecutor = InterruptExecutor::new();
 static BUS: InterruptExecutor = InterruptExecutor::new();
 
-/// Spawners that start tasks on the two executors.
+/// Spawners for the executors of the tick and the bus.
 pub struct Spawners {
     /// Spawner of the tick's executor.
     pub tick: SendSpawner,

@@ -101,12 +101,13 @@ fn make_safe() {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
-    // On the internal oscillator the controller's bit rate is wrong, and it would disturb the bus until the reset.
+    // On the internal oscillator the controller's bit rate is wrong: the controller would disturb the bus until the
+    // reset.
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
 }
 
-/// Handles a falling supply. Within microseconds it may be too low for the core's clock, so the core switches to the
-/// internal oscillator before the fault is recorded.
+/// Handles a falling supply. Within microseconds the supply may be too low for the core's clock, so the core switches
+/// to the internal oscillator before the fault is recorded.
 pub(crate) fn supply_low() -> ! {
     make_safe();
     RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
@@ -193,8 +194,8 @@ pub(crate) extern "C" fn hard_fault(pc: u32, lr: u32, sp: u32) -> ! {
 }
 
 /// Hard fault vector. The stack may be exhausted, and then neither the processor nor this handler can push to it. The
-/// program does not continue, so the handler resets the stack pointer to the start of the stack. Before that it reads
-/// the stacked registers only if they are certain to be in RAM.
+/// program does not continue, so the handler resets the stack pointer to the start of the stack. First the handler
+/// reads the stacked registers, only if they are certain to be in RAM.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {

@@ -10,7 +10,7 @@ use crate::timing::Every;
 /// Health reports per identity message; 10 are one second.
 const EVERY: u8 = 10;
 
-/// Source of the board's identity messages.
+/// Composes the board's identity messages.
 pub struct Identity {
     chip: Hash24,
     build: Hash24,

@@ -23,8 +23,8 @@ const START_US: u32 = 2_000_000;
 /// Extended timeout during a save, µs. A save may erase several sectors; each erase stops the core for up to 0.5 s.
 const EXTENDED_US: u32 = 30_000_000;
 
-/// Polls of the status, about 10 cycles each, after which the watchdog must have accepted its registers. Accepting
-/// them takes five periods of its oscillator, at most 0.3 ms or 50 000 cycles.
+/// Polls of the status, about 10 cycles each, within which the watchdog must accept written registers. Acceptance takes
+/// five periods of the watchdog's oscillator, at most 0.3 ms or 50 000 cycles.
 const STATUS_POLLS: u32 = 100_000;
 
 type Driver = wdg::IndependentWatchdog<'static, peripherals::IWDG>;

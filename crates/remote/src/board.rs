@@ -105,7 +105,7 @@ impl Remote {
         Err(unexpected(self.name, what))
     }
 
-    /// Ends a session that an earlier host has left open; parameters changed but not saved in it are lost.
+    /// Ends a session that an earlier host has left open; parameters changed in the session but not saved are lost.
     pub fn end_earlier_session(&mut self) -> Result<(), Error> {
         let name = self.name;
         self.close_earlier_session()

@@ -284,8 +284,8 @@ impl BoardLink {
         self.queue_request(Subject::Other("watch"), &Request::Watch);
     }
 
-    /// Continues after the port was reopened. A waiting order is sent first: the board recognises its number and
-    /// executes the order only once.
+    /// Continues after the port was reopened. A waiting order is sent first: the board recognises the order's number
+    /// and executes the order only once.
     pub fn rejoin(&mut self) {
         self.end_record("the port was closed");
         for pending in &mut self.waiting {
@@ -538,8 +538,8 @@ impl BoardLink {
         Ok(())
     }
 
-    /// Appends a part of an output; true if the output is complete. A part out of sequence is dropped, and with it the
-    /// rest of its output.
+    /// Appends a part of an output; true if the output is complete. A part out of sequence is dropped, and so are the
+    /// later parts of its output.
     fn join(
         parts: &mut Vec<u8>,
         (offset, part): (usize, &[u8]),

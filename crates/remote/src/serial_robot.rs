@@ -173,7 +173,7 @@ impl SerialRobot {
         Ok(robot)
     }
 
-    /// Sets the last action of a program that ends at once: it switches the motors off over the open port.
+    /// Sets the last action of a program that ends at once: the action switches the motors off over the open port.
     fn guard(&self) {
         let port = self.port.as_ref().and_then(|port| port.second());
         let mut frames = self.link.motors_off();
@@ -329,7 +329,7 @@ impl SerialRobot {
         self.tick * TICK
     }
 
-    /// Tick of the run, ms.
+    /// Number of ticks since the start of the run, of 1 ms each.
     fn run_tick(&self) -> u32 {
         self.tick.saturating_sub(self.start) as u32
     }

@@ -20,7 +20,7 @@ impl Unanswered {
         }
     }
 
-    /// Adds received bytes.
+    /// Adds bytes received after the request.
     pub fn add(&mut self, bytes: &[u8]) {
         self.count += bytes.len();
         let bytes = match self.first.is_empty() {

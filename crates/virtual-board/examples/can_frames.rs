@@ -6,7 +6,7 @@
 
 use virtual_board::wire::{Frame, Id};
 
-/// A multiplicative generator, xorshift64*.
+/// Pseudo-random numbers (xorshift64*).
 struct Random(u64);
 
 impl Random {

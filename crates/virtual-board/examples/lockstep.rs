@@ -13,7 +13,7 @@ use flat::peer::{FLASH, MAX_CYCLES, WORDS, prepare, restart, set_state, state, w
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use virtual_board::core::{Core, Stop};
 
-/// Address of the data.
+/// Address in RAM at which the data of a request are stored before each case.
 const DATA: u32 = 0x2000_4000;
 /// Offset in the flash of the code that prepares the core.
 const OWN: usize = 0x400;

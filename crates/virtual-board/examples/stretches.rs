@@ -43,7 +43,7 @@ enum Sort {
     Ends,
 }
 
-/// ITSTATE in EPSR.
+/// ITSTATE, combined from its two fields in EPSR.
 fn it_state(xpsr: u32) -> u32 {
     xpsr >> 8 & 0xfc | xpsr >> 25 & 3
 }

@@ -5,7 +5,7 @@ use crate::core::{Core, Stop, System};
 use crate::image::Image;
 use crate::time::Time;
 
-/// A reset of a board.
+/// Time and cause of a board's reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reset {
     /// Time of the reset.
@@ -95,7 +95,7 @@ impl Board {
         self.chip.halt(held, self.core.cycles());
     }
 
-    /// Time reached so far.
+    /// Simulated time to which the board has run.
     pub fn now(&self) -> Time {
         self.now
     }

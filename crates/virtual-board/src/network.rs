@@ -11,7 +11,7 @@ use crate::wire::{Node, VirtualNode, Wire};
 use crate::workers::Workers;
 use std::time::Instant;
 
-/// Number of calls of [`Network::run_until`] after which the slower of one and several threads is tried again.
+/// Number of calls of [`Network::run_until`] after which the slower mode, one thread or several, is tried again.
 const TRY_AGAIN: u32 = 200;
 
 /// Boards and their bus.
@@ -38,7 +38,7 @@ struct Costs {
 }
 
 impl Costs {
-    /// Mode of the next run: 0 for one thread, 1 for several.
+    /// Mode of the next call: 0 for one thread, 1 for several.
     fn choose(&mut self) -> usize {
         self.calls += 1;
         let better = usize::from(self.of[1] <= self.of[0]);
@@ -108,7 +108,7 @@ impl Network {
         self.now
     }
 
-    /// The boards.
+    /// Boards, in the order of their nodes on the wire.
     pub fn boards(&mut self) -> impl Iterator<Item = &mut Board> {
         self.boards.iter_mut().map(|board| &mut **board)
     }
@@ -118,7 +118,7 @@ impl Network {
         self.boards.get_mut(place).map(|board| &mut **board)
     }
 
-    /// The wire.
+    /// Wire that connects the boards.
     pub fn wire(&mut self) -> &mut Wire {
         &mut self.wire
     }

@@ -18,7 +18,7 @@ impl Noise {
         noise
     }
 
-    /// 64 random bits.
+    /// Draws 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.state;
@@ -27,12 +27,12 @@ impl Noise {
         z ^ (z >> 31)
     }
 
-    /// Uniform, from 0 to less than 1.
+    /// Draws a uniform number, from 0 to less than 1.
     pub fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Normal, mean 0, variance 1.
+    /// Draws a normal number, mean 0, variance 1.
     pub fn normal(&mut self) -> f64 {
         const LOW: u64 = 0x0000_ffff_0000_ffff;
         // The two halves of a 64-bit word add six 16-bit numbers each; neither half overflows.

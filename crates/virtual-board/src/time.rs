@@ -9,7 +9,7 @@ pub type Cycles = u64;
 /// Later than every cycle.
 pub const NEVER: Cycles = Cycles::MAX;
 
-/// Simulated time since the start, ps.
+/// Simulated time since the start of the simulation, ps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Time(pub u64);
 
@@ -17,12 +17,12 @@ impl Time {
     /// Later than every other time.
     pub const NEVER: Self = Self(u64::MAX);
 
-    /// Time of this many microseconds.
+    /// Time that is this number of microseconds.
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros * 1_000_000)
     }
 
-    /// Time of this many nanoseconds.
+    /// Time that is this number of nanoseconds.
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos * 1_000)
     }

@@ -34,7 +34,7 @@ struct Shared {
     boards: Vec<Mutex<Slot>>,
     /// Slots of the boards in the order in which they are taken.
     order: Vec<AtomicUsize>,
-    /// End of the quantum, ps.
+    /// Time at which the quantum ends, ps.
     until: AtomicU64,
     /// Number of attempts to take a board in this quantum; exceeds the number of boards if a worker found none left.
     taken: AtomicUsize,
@@ -109,7 +109,7 @@ impl Workers {
         let shared = &*self.shared;
         shared.until.store(until.0, Ordering::Relaxed);
         shared.done.store(0, Ordering::Relaxed);
-        // A thread that takes a board sees the values written before.
+        // Release: a thread that takes a board also sees `until` and `done` as stored above.
         shared.taken.store(0, Ordering::Release);
         shared.run_boards();
         let failed = || shared.failed.load(Ordering::Acquire);

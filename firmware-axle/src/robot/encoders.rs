@@ -15,10 +15,10 @@ use embassy_stm32::peripherals::{PB6, PB7, PC6, PC7, TIM3, TIM4};
 use embassy_stm32::timer::qei::{self, Qei, QeiMode};
 use embassy_time::{Duration, block_for};
 
-/// Time longer than the delay of the filter.
+/// Wait at the start until the input filter shows the pins' levels, longer than the filter's delay.
 const FILTERED: Duration = Duration::from_micros(10);
 
-/// The encoders (left, right).
+/// Timers that count the wheel encoders (left, right).
 pub struct Encoders {
     left: Qei<'static, TIM3>,
     right: Qei<'static, TIM4>,

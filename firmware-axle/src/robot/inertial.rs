@@ -13,7 +13,7 @@ use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 
-/// The sensor and its bus.
+/// Inertial sensor of the axle, on its SPI bus.
 pub struct Inertial {
     bus: Bus,
     sensor: Icm42688,

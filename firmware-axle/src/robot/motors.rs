@@ -50,9 +50,9 @@ use firmware_common::{critical, fault};
 use crate::rules::{Command, Feedback};
 use timer::{Pwm, TOP};
 
-/// Core cycles in a microsecond.
+/// Core cycles in a microsecond, to convert the cycle counter.
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
-/// Periods in a tick.
+/// PWM periods in a tick.
 const PERIODS: u8 = 20;
 /// Timeout of the command, periods: 2 ms. The motors are then switched off.
 const COMMAND_TIMEOUT: u8 = 40;
@@ -142,7 +142,7 @@ impl Motors {
         exchange::put_command(command);
     }
 
-    /// Measurements of the last tick.
+    /// Measurements of the current loop at the latest tick.
     pub fn feedback(&self) -> Feedback {
         exchange::feedback()
     }

@@ -28,16 +28,16 @@ use crate::rules::{Command, Feedback};
 /// Time in an epoch at which orders of the link are executed, one tick before the lead node's step, µs.
 const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 
-/// Report for the log.
+/// Report of the axle's tick for the board's log.
 #[derive(Clone, Copy, Debug)]
 pub struct AxleReport {
-    /// Health of the tick.
+    /// Timing, misses and synchronisation of the ticks.
     pub health: Health,
     /// Measurements and faults of the motors.
     pub feedback: Feedback,
     /// Estimated temperatures of the motor windings (left, right), °C.
     pub winding_c: [f32; 2],
-    /// Number of restarts of the nodes since the start.
+    /// Number of restarts of this board's nodes since the start.
     pub restarts: u16,
     /// True if the inertial sensor responds.
     pub inertial: bool,
@@ -48,17 +48,17 @@ type Common = tick_loop::Common<Chip>;
 
 /// Devices, nodes and limits that the axle's tick works with.
 pub struct Axle {
-    /// Motors.
+    /// Interface to the motors' current loop.
     pub motors: Motors,
-    /// Encoders.
+    /// Wheel encoders (left, right).
     pub encoders: Encoders,
-    /// Inertial sensor.
+    /// Gyro and accelerometer of the axle.
     pub inertial: Inertial,
     /// Operator's button.
     pub button: Button,
     /// Axle node, and lead node on the front board.
     pub nodes: &'static mut Board,
-    /// Wheel observers for the back-EMF.
+    /// Observer of the wheel speeds, which give the back EMF.
     pub observer: WheelObserver,
     /// Thermal model of the motors.
     pub winding: Winding,
@@ -68,7 +68,7 @@ pub struct Axle {
     pub parameters: Conditions,
 }
 
-/// The axle's tick.
+/// Parts of the tick that only an axle board has.
 pub struct AxleTick {
     axle: Axle,
     /// Messages of this board's nodes at the last tick, as the other boards decode them.
@@ -81,7 +81,7 @@ pub struct AxleTick {
     driving: bool,
 }
 
-/// Samples of a tick.
+/// Samples of one tick and its time.
 pub struct Sampled {
     /// Common time; `None` if the motors must not be driven.
     now: Option<Micros>,
@@ -175,7 +175,7 @@ impl BoardTick for AxleTick {
 }
 
 impl AxleTick {
-    /// The tick's loop, before its first tick.
+    /// Creates the tick of an axle board, before its first tick.
     pub fn new(axle: Axle) -> Self {
         Self {
             own: Outbox::new(),

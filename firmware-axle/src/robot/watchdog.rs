@@ -9,10 +9,10 @@ pub const TASKS: [(&str, u64); 3] = [
     ("bus", can::REPORTS_WITHIN),
 ];
 
-/// Watchdog of these tasks.
+/// Watchdog of the tasks in [`TASKS`].
 pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 
-/// Checks the tasks for ever.
+/// Checks for ever that the tasks report.
 #[embassy_executor::task]
 pub async fn run(task_watchdog: TaskWatchdog) -> ! {
     task_watchdog.run().await

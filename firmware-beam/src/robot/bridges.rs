@@ -39,7 +39,7 @@ pub struct Parts {
     pub temperature: Peri<'static, PA3>,
 }
 
-/// Readings of a tick.
+/// Readings of the bridges for one tick.
 pub struct Block {
     /// Local time at the end of the last conversion.
     pub local: Micros,
@@ -50,7 +50,7 @@ pub struct Block {
     pub excitation: f32,
 }
 
-/// Sampling of the bridges.
+/// Sampling of the strain bridges, their excitation and the thermistor.
 pub struct Bridges {
     converter: Converter,
     thermistor: Thermistor,

@@ -29,10 +29,10 @@ use crate::rules::Motors;
 /// Nominal supply of the board, V: the supply reported in health messages if the excitation is nominal.
 const SUPPLY_V: f32 = 3.3;
 
-/// Report for the log.
+/// Report of the beam's tick for the board's log.
 #[derive(Clone, Copy, Debug)]
 pub struct BeamReport {
-    /// Health of the tick.
+    /// Timing, misses and synchronisation of the ticks.
     pub health: Health,
     /// Excitation divided by its nominal value.
     pub excitation: f32,
@@ -40,7 +40,7 @@ pub struct BeamReport {
     pub temperature_c: Option<f32>,
     /// Number of gauges used by the latest posture.
     pub gauges: u8,
-    /// Number of losses of conversions since the start.
+    /// Number of times that conversions were lost since the start.
     pub lost: u16,
     /// Standard deviations of the bridges over the last 10 s with the motors off, counts.
     pub noise: Option<[f32; MAX_GAUGES]>,
@@ -59,11 +59,11 @@ pub struct Saving {
 
 /// Devices, node and calibration that the beam's tick works with.
 pub struct Beam {
-    /// Bridges.
+    /// Sampling of the strain bridges.
     pub bridges: Bridges,
     /// Configuration, with the calibration in use.
     pub config: RobotConfig,
-    /// Node of the beam.
+    /// Beam node, which computes the relative posture.
     pub node: BeamNode,
     /// Calibration procedure, which a message starts.
     pub procedure: Procedure,
@@ -73,24 +73,24 @@ pub struct Beam {
     pub parameters: Conditions,
 }
 
-/// The beam's tick.
+/// Parts of the tick that only a beam board has.
 pub struct BeamTick {
     beam: Beam,
     motors: Motors,
     motors_off: bool,
     /// Request number of the calibration that is being saved.
     saving: Option<u8>,
-    /// Number of losses of conversions.
+    /// Number of times that conversions were lost since the start.
     lost: u16,
     rest_noise: RestNoise<MAX_GAUGES>,
     noise: Option<[f32; MAX_GAUGES]>,
-    /// Conditions found since the latest tick of the node.
+    /// Conditions found since the node's latest step.
     found: Conditions,
     /// True if a calibration was adopted since the start, so that the node does not match the start configuration.
     adopted: bool,
 }
 
-/// The node of a configuration.
+/// Builds the beam node of a configuration.
 pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
     config.build_beam(FRAME)
 }
@@ -185,7 +185,7 @@ impl BoardTick for BeamTick {
 }
 
 impl BeamTick {
-    /// The tick's loop, before its first tick.
+    /// Creates the tick of a beam board, before its first tick.
     pub fn new(beam: Beam) -> Self {
         Self {
             beam,
@@ -266,7 +266,7 @@ impl BeamTick {
     }
 }
 
-/// Sends the result of a calibration.
+/// Sends the result of a calibration on the bus.
 fn reply(sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
     common.send(&Message::BeamCalibrated {
         frame: FRAME,

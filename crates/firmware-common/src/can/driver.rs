@@ -64,9 +64,9 @@ pub fn is_off() -> bool {
 
 /// Access to the bus, one end per user.
 pub struct Bus {
-    /// The tick's end for sending.
+    /// Sends the tick's messages and frames of the link.
     pub sender: Sender,
-    /// The tick's end for receiving.
+    /// Receives messages for the tick.
     pub receiver: Receiver,
     /// The link's end, for frames of the link.
     pub service: ServicePort,

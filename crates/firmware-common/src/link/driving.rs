@@ -11,7 +11,7 @@ use core_algos::topology::Role;
 use super::ends::{LinkEnd, OrderResult};
 use super::{Output, Route};
 
-/// Event that ends the link's wait.
+/// Event for which the link waits.
 pub enum Event<'a> {
     /// Bytes arrived at the serial port.
     Bytes(&'a [u8]),

@@ -18,7 +18,7 @@ use embassy_sync::signal::Signal;
 
 use crate::record::{Entries, Reader, Recorder, Ring};
 
-/// Result of an order; an error if the lead node rejected a part.
+/// Result of an order; an error if the lead node rejected a part of the order.
 pub type OrderResult = Result<(), PathError>;
 
 /// Memory of the channels: one per board, in a static.
@@ -110,7 +110,7 @@ impl TickEnd {
         self.put(&Entry::Order(order));
     }
 
-    /// Sets the state of the motors.
+    /// Publishes the state of the motors to the link.
     pub fn set_motors(&mut self, motors: MotorState) {
         self.shared.motors.store(motors as u8, Ordering::Relaxed);
     }
@@ -128,7 +128,7 @@ pub struct LinkEnd {
 }
 
 impl LinkEnd {
-    /// State of the motors, as the tick last set it.
+    /// State of the motors, as last published by the tick.
     pub fn motors(&self) -> MotorState {
         let state = self.shared.motors.load(Ordering::Relaxed);
         [MotorState::Off, MotorState::Braking]
@@ -137,12 +137,12 @@ impl LinkEnd {
             .unwrap_or(MotorState::Driven)
     }
 
-    /// Sends the tick an order with this number.
+    /// Passes an order and its number to the tick.
     pub fn order(&mut self, number: u16, order: Order) {
         self.shared.order.signal((number, order));
     }
 
-    /// Waits for the result of an order.
+    /// Waits until the tick has executed an order; returns the result.
     pub async fn result(&self) -> OrderResult {
         self.shared.result.wait().await
     }

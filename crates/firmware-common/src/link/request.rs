@@ -23,7 +23,7 @@ pub fn take() -> Option<Route> {
     }
 }
 
-/// Resets the board, into a session or out of it.
+/// Resets the board. The board then starts a session over the given route, or drives if `None`.
 pub fn restart(session: Option<Route>) -> ! {
     let word = session.map_or(0, |route| route as u32);
     // SAFETY: as in [`take`].

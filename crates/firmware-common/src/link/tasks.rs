@@ -41,7 +41,7 @@ pub fn ends() -> (TickEnd, LinkEnd) {
     CHANNELS.take().split()
 }
 
-/// The serial port of a board.
+/// Opened serial port, and the identity that the board reports.
 pub struct Link {
     uart: Uart,
     identity: Identity,
@@ -201,7 +201,7 @@ fn sim_link(identity: Identity) -> &'static mut SimLink {
     SIM_LINK.init_with(|| SimLink::new(identity, stack_use))
 }
 
-/// Stack use for the host; also logs it.
+/// Logs the stack use and returns it for the host.
 fn stack_use() -> StackUse {
     let stack = stack::high_water();
     defmt::info!("{}", stack);

@@ -79,9 +79,9 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and so have all values if they
-    /// make no valid node together. The report and the log show that. The core itself reads the flash, so the call does
-    /// not wait.
+    /// Loads the parameters; call it once. Lost and invalid values are replaced by their defaults. All values are, if
+    /// they make no valid node together. The report and the log show that. The core itself reads the flash, so the call
+    /// does not wait.
     pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
         let parameters = Self::unread(flash, role);
         parameters.read();

@@ -27,8 +27,8 @@ use view::View;
 
 type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
 
-/// Key type for reading: it leaves the key byte in the value. With a key of one byte the library panics on an item of
-/// no bytes, when it cuts the key off.
+/// Key type for reading, which leaves the key byte in the value. With a key of one byte, the library panics when it
+/// cuts the key off an item without bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct WithKeyByte;
 
@@ -182,12 +182,12 @@ impl<F: NorFlash> Store<F> {
         true
     }
 
-    /// True if the newest copy of a value is in this sector only.
+    /// True if the newest copy of some value is in this sector only, so that an erase would lose the value.
     async fn is_needed(&mut self, sector: &Range<u32>) -> bool {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// Two flags of a sector: used by the library, blank.
+    /// True if the library has begun to use a sector, and true if the sector is blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         (begun, self.are_blank(sector.clone()).await)
@@ -247,7 +247,7 @@ impl<F: NorFlash> Store<F> {
         let Ok(mut items) = map.fetch_all_items(&mut buffer).await else {
             return;
         };
-        // An unreadable item ends the sector; the manifest shows which values were lost with it.
+        // Reading a sector ends at an unreadable item; the manifest shows which values are missing.
         while let Ok(Some((WithKeyByte, item))) = items.next::<&[u8]>(&mut buffer).await {
             if let Some((&key, bytes)) = item.split_first() {
                 contents.take(key, bytes);

@@ -10,7 +10,7 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, 
 pub struct Random(pub u64);
 
 impl Random {
-    /// The next 64 bits.
+    /// Draws 64 random bits.
     pub fn draw(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -30,7 +30,7 @@ impl Random {
 pub enum Torn {
     /// The word or sector keeps its former content.
     Untouched,
-    /// Some bits have their new value.
+    /// Some bits of the word or sector have their new value.
     Bits,
     /// Only the first part of the sector is erased; a word is written.
     Front,

@@ -327,7 +327,7 @@ fn damage(rounds: u32, max_bytes: usize) -> Damage {
     counts
 }
 
-/// No save leaves sectors that are neither blank nor hold an item; a failed erase or another tool may.
+/// A save never leaves a sector that is not blank and holds no item; a failed erase or another tool may leave one.
 #[test]
 fn a_store_that_is_not_blank_and_has_no_item_is_reported() {
     let blank = SmallFlash::new(3, 1);

@@ -60,11 +60,11 @@ pub trait Hardware {
 pub trait BoardTick {
     /// Hardware of the tick loop.
     type Hardware: Hardware;
-    /// Input that arrives with the tick.
+    /// Input that comes with a tick: samples on a beam board, nothing on an axle board.
     type Input;
-    /// Sensor samples of the tick.
+    /// Sensor samples, taken at the start of a tick.
     type Samples;
-    /// Board-specific report for the log.
+    /// Board-specific report for the board's log.
     type LogReport: Clone + 'static;
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
@@ -80,7 +80,7 @@ pub trait BoardTick {
     fn receive(&mut self, samples: &Self::Samples, arrived: &Arrived);
     /// Steps the nodes, sends their messages and commands the actuators.
     fn step(&mut self, samples: &Self::Samples, common: &mut Common<Self::Hardware>);
-    /// State of the motors.
+    /// State of the motors, for the link.
     fn motors(&self) -> MotorState;
     /// Sends the board's health; returns the report for the log.
     fn report(
@@ -91,7 +91,7 @@ pub trait BoardTick {
     ) -> Self::LogReport;
 }
 
-/// Health of the tick, common to all boards.
+/// Timing, misses and synchronisation of a board's ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     /// Sequence number of the health messages.

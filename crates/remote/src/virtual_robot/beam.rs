@@ -158,7 +158,7 @@ impl BeamBoard {
     }
 
     /// Sets the true strains at `at`. Call this function once per millisecond; between two calls each strain continues
-    /// with its latest slope. On return, `strains` includes creep, thermal effects and drift of the gauges.
+    /// at its latest rate of change. On return, `strains` includes creep, thermal effects and drift of the gauges.
     pub fn strain(&mut self, at: Time, strains: &mut [f64]) {
         self.countdown -= 1;
         let step = self.countdown == 0;

@@ -3,7 +3,7 @@
 use core_algos::bus::Message;
 use core_algos::time::{EPOCH, Micros, TICK};
 
-/// Estimate of the common time.
+/// Estimate of the boards' common time, from `TimeSync` messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clock {
     epoch: Option<Epoch>,
@@ -11,7 +11,7 @@ pub struct Clock {
     estimate_time: Option<Micros>,
 }
 
-/// Latest epoch whose `TimeSync` was received.
+/// Latest epoch of which a `TimeSync` was received.
 #[derive(Clone, Copy, Debug)]
 struct Epoch {
     number: u32,

@@ -67,7 +67,7 @@ const READY_TICKS: u32 = 100;
 const PRESS_DURATION: Time = Time::from_micros(150_000);
 /// Limit of the random frequency errors of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
-/// Number of ticks for which a run continues after the lead node's fault, to show its effects.
+/// Number of ticks for which a run continues after the lead node's fault, to show the effects of the fault.
 const TICKS_AFTER_FAULT: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
@@ -272,7 +272,7 @@ impl VirtualRobot {
         self.booted.seconds()
     }
 
-    /// Frames on the bus so far.
+    /// Number of frames on the bus so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }

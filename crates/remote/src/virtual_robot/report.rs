@@ -10,7 +10,7 @@ use virtual_board::wire::Statistics;
 /// Exception number of the current loop's handler.
 const ADC: u16 = 16 + 18;
 
-/// Observations of a board during a run.
+/// Tick timing, state at the start and identity of a board, observed during a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BoardObservations {
     missed_ticks: u8,
@@ -36,8 +36,8 @@ impl BoardObservations {
         self.identity = Some((build, schema));
     }
 
-    /// Records the state of a board that is ready: lowest stack pointer, core frequency, frames abandoned while it
-    /// was alone on the bus, ticks missed until it was synchronised.
+    /// Records the state of a board that is ready: lowest stack pointer, core frequency, frames abandoned while the
+    /// board was alone on the bus, ticks missed until the board was synchronised.
     pub fn booted(&mut self, board: &mut Board, lost: u64) {
         (self.boot_lost, self.boot_missed) = (lost, self.missed_ticks);
         self.boot_sp = board.core().lowest_msp();
@@ -50,7 +50,7 @@ impl BoardObservations {
     }
 }
 
-/// Finding: use of the chip by a board's program that its manual forbids or that the model does not know.
+/// Finding: use of the chip by a board's program that the chip's manual forbids or that is not modelled.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardFinding {
     /// Kind of the finding, as text.

@@ -7,7 +7,7 @@ use virtual_board::device::{Icm42688, InertialConfig, Motion};
 /// Register with the bits of the adaptive full-scale range.
 const INTF_CONFIG1: u8 = 0x4d;
 const PS_PER_MS: u64 = 1_000_000_000;
-/// Yaw rate of a turn, °/s, and slopes at its start and its end, °/s².
+/// Yaw rate of a turn, °/s; angular accelerations at the start and the end of a turn, °/s².
 const RATE_DEG_S: f64 = 150.0;
 const BEGIN_DEG_S2: f64 = 10_000.0;
 const END_DEG_S2: f64 = 300.0;

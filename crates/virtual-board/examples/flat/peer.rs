@@ -46,7 +46,7 @@ pub fn restart(core: &mut Core, flat: &mut Flat) {
     assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
 }
 
-/// Sets registers and flags.
+/// Sets registers and flags of the core from the [`WORDS`] words of a state.
 pub fn set_state(core: &mut Core, words: &[u32]) {
     for (number, &word) in words[..15].iter().enumerate() {
         core.set_register(number, word);
@@ -58,7 +58,7 @@ pub fn set_state(core: &mut Core, words: &[u32]) {
     }
 }
 
-/// Program counter and words of the state.
+/// Program counter, then the [`WORDS`] words of the core's state.
 pub fn state(core: &Core) -> Vec<u32> {
     let mut words = vec![core.pc()];
     words.extend((0..15).map(|number| core.register(number)));
@@ -67,14 +67,14 @@ pub fn state(core: &Core) -> Vec<u32> {
     words
 }
 
-/// Next word of a stream, little-endian.
+/// Reads the next word, little-endian.
 pub fn word(input: &mut impl Read) -> io::Result<u32> {
     let mut bytes = [0; 4];
     input.read_exact(&mut bytes)?;
     Ok(u32::from_le_bytes(bytes))
 }
 
-/// Next words of a stream.
+/// Reads the next `count` words, little-endian.
 pub fn words(input: &mut impl Read, count: usize) -> io::Result<Vec<u32>> {
     (0..count).map(|_| word(input)).collect()
 }

@@ -57,7 +57,7 @@ pub trait Circuit: Any + Copied + Send {
 
 /// Clone of a circuit of unknown type; implemented for every circuit that is [`Clone`].
 pub trait Copied {
-    /// Clones the circuit.
+    /// Clones the circuit with its state.
     fn copied(&self) -> Box<dyn Circuit>;
 }
 
@@ -79,7 +79,7 @@ pub struct Bare;
 
 impl Circuit for Bare {}
 
-/// Changes at the chip's inputs.
+/// Changes at the chip's inputs that the circuit makes at one time.
 #[derive(Clone, Debug, Default)]
 pub struct Inputs {
     /// Pins, each with its new external drive.

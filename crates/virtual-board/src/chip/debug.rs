@@ -12,7 +12,7 @@ use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
 use crate::finding::FindingKind;
 
-/// Device 0x413, revision Y.
+/// DBGMCU_IDCODE: device 0x413, revision Y.
 const IDCODE: u32 = 0x100f_6413;
 /// Size of the flash, KiB.
 const FLASH_KIB: u32 = 1024;

@@ -11,7 +11,7 @@ use super::register::{Register, merge, word};
 use super::shared::Shared;
 use crate::finding::FindingKind;
 
-// Offsets of registers.
+// Offsets of the registers of EXTI.
 const IMR: u32 = 0x00;
 const RTSR: u32 = 0x08;
 const FTSR: u32 = 0x0c;

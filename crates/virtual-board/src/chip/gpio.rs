@@ -40,7 +40,7 @@ struct Port {
     alternate: [u32; 2],
 }
 
-// Modes of a pin.
+// Modes of a pin in MODER.
 const INPUT: u32 = 0;
 const OUTPUT: u32 = 1;
 const ALTERNATE_FUNCTION: u32 = 2;
@@ -118,7 +118,7 @@ impl Routes {
     }
 }
 
-/// All ports.
+/// Ports of the chip, with the drives and nets of their pins.
 #[derive(Clone)]
 pub(crate) struct Gpio {
     ports: [Port; PORTS],
@@ -132,7 +132,7 @@ pub(crate) struct Gpio {
     level: [bool; PINS],
     /// Drive of each peripheral output.
     signals: [Drive; Signal::COUNT],
-    /// Nets of the board.
+    /// Nets of the bare board at the pins.
     nets: [Option<&'static Net>; PINS],
 }
 
@@ -297,7 +297,7 @@ impl Gpio {
         }
     }
 
-    /// Levels of a port in the input register.
+    /// Value of a port's input register: the levels of its pins. Checks that connected input pins do not float.
     fn input(&self, port: usize, shared: &mut Shared) -> u32 {
         let mut bits = 0;
         for number in 0..16 {

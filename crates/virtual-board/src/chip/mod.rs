@@ -70,7 +70,7 @@ pub(crate) trait Peripheral {
     /// Writes the bits in `mask` of the register at `offset`; the bits of `value` outside `mask` are zero.
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared);
     /// Handles the event due at `shared.now`. The event has been removed from the schedule; the peripheral schedules
-    /// its next one.
+    /// its next event.
     fn event(&mut self, shared: &mut Shared) {
         let _ = shared;
     }
@@ -203,7 +203,7 @@ impl Chip {
         any.downcast_mut()
     }
 
-    /// Findings so far.
+    /// Findings of the board so far.
     pub fn findings(&self) -> &Findings {
         &self.shared.findings
     }
@@ -229,7 +229,7 @@ impl Chip {
         self.longest_reaction
     }
 
-    /// Present clocks.
+    /// Clocks of core and buses, as the program has configured them.
     pub fn clocks(&self) -> Clocks {
         self.shared.clocks
     }

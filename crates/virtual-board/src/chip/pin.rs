@@ -65,7 +65,7 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// Output drive to a level.
+    /// Drive of a push-pull output at this level.
     pub const fn to(level: bool) -> Self {
         if level { Self::High } else { Self::Low }
     }

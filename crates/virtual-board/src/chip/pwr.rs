@@ -90,7 +90,6 @@ pub(crate) fn is_remembered(volts: f64) -> bool {
     is_at_least(volts, RETENTION)
 }
 
-/// Power control.
 #[derive(Clone)]
 pub(crate) struct Pwr {
     cr: u32,

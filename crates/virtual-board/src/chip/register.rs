@@ -55,7 +55,7 @@ pub(crate) const fn merge(old: u32, value: u32, mask: u32) -> u32 {
 
 /// Register at an offset, `None` if there is no register; `registers` are sorted by offset.
 pub(crate) fn find(registers: &'static [Register], place: u32) -> Option<&'static Register> {
-    // Most tables have no gaps, so the index is tried first.
+    // Most tables of registers have no gaps: the place in the table is then the offset / 4.
     let near = registers.get(place as usize / 4);
     if let Some(register) = near.filter(|register| register.offset == place) {
         return Some(register);

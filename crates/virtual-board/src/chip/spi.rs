@@ -57,7 +57,6 @@ struct Shift {
     end: Cycles,
 }
 
-/// SPI1 as a master.
 #[derive(Clone, Default)]
 pub(crate) struct Spi {
     cr1: u32,

@@ -42,7 +42,7 @@ impl<P: Peripheral> PeripheralBench<P> {
         }
     }
 
-    /// Runs up to and including `until`.
+    /// Handles the peripheral's events up to and including cycle `until`.
     pub fn run(&mut self, until: Cycles) {
         while self.shared.arrive(self.unit, until) {
             self.part.event(&mut self.shared);
@@ -67,7 +67,7 @@ impl<P: Peripheral> PeripheralBench<P> {
 }
 
 impl Shared {
-    /// Advances to the next event of a peripheral, or to `end`; true if there is an event by `end`.
+    /// Advances to the next event of a peripheral, at most to `end`. True if the event is due by `end`.
     pub fn arrive(&mut self, unit: Unit, end: Cycles) -> bool {
         let due = self.due(unit);
         self.now = due.min(end);

@@ -82,13 +82,13 @@ impl Tim11 {
         Some(Time(period.0 << (self.reg(CCMR1) >> 2 & 3)))
     }
 
-    /// Number of captures so far.
+    /// Number of captures since capturing began.
     fn count(&self, shared: &Shared) -> u64 {
         let span = self.span(shared);
         span.map_or(0, |span| (shared.time() - self.since).0 / span.0.max(1))
     }
 
-    /// Count at a cycle.
+    /// Counter value at a cycle.
     fn at(&self, cycle: Cycles, shared: &Shared) -> u32 {
         let step = shared.clocks.timer2 * u64::from(self.reg(PSC) + 1);
         let counts = cycle.saturating_sub(self.zero) / step;

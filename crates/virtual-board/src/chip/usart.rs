@@ -45,7 +45,6 @@ const REGISTERS: [Register; 7] = [
     narrow(0x18, "GTPR", 0xffff),
 ];
 
-/// The asynchronous serial interface.
 #[derive(Clone, Default)]
 pub(crate) struct Usart {
     /// Flags IDLE, ORE, RXNE, TC.

@@ -32,7 +32,7 @@ const LOWEST: u32 = 0x40;
 
 #[derive(Clone)]
 pub(crate) struct WindowWatchdog {
-    /// Count while inactive.
+    /// Count while the watchdog is inactive.
     count: u32,
     configuration: u32,
     active: bool,
@@ -89,7 +89,7 @@ impl WindowWatchdog {
         (shared.clocks.apb1 * 4096) << (self.configuration >> 7 & 3)
     }
 
-    /// Present count.
+    /// Count of the watchdog at `now`.
     fn counted(&self, now: Cycles) -> u32 {
         let left = match (self.reset_at, self.left) {
             (Some(at), _) => at.saturating_sub(now),

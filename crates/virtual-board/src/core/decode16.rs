@@ -195,7 +195,7 @@ fn multiple(h: u32) -> Insn {
     }
     let first = list & list.wrapping_neg();
     if h & 0x800 == 0 {
-        // The base register may only be stored if it is the first in the list.
+        // The base register may be in the list only as the first register.
         if list >> n & 1 != 0 && first != 1 << n {
             return UNPREDICTABLE;
         }
@@ -272,7 +272,7 @@ fn hint(h: u32) -> Insn {
     Insn::new(Op::It).with_imm(h & 0xff)
 }
 
-/// Load of a size with a constant offset; signed sizes have no 16-bit encoding.
+/// Operation of a load of this size with a constant offset; signed sizes have no 16-bit encoding.
 pub(super) const fn load_offset(size: Size) -> Op {
     [
         Op::LdrImm,
@@ -283,7 +283,7 @@ pub(super) const fn load_offset(size: Size) -> Op {
     ][size as usize]
 }
 
-/// Load of a size with a register offset.
+/// Operation of a load of this size with a register offset.
 pub(super) const fn load_register(size: Size) -> Op {
     [
         Op::LdrReg,

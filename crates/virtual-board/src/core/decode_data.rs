@@ -67,7 +67,7 @@ fn expand(h: u32, g: u32) -> Option<(u32, u32)> {
     Some((value, 1 + (value >> 31)))
 }
 
-/// Data processing with a modified constant.
+/// Decodes data processing with a modified constant.
 pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
     let (n, d, s) = (h & 15, g >> 8 & 15, h & 0x10 != 0);
     let Some(operation) = data_operation(h >> 5 & 15, d, n, s) else {
@@ -105,7 +105,7 @@ fn add(d: u32, n: u32, imm: u32) -> Insn {
     Insn::regs(op, d, n, 0).with_imm(imm)
 }
 
-/// Data processing with a plain constant: 12 and 16 bits, saturation, bit fields.
+/// Decodes data processing with a plain constant: 12 and 16 bits, saturation, bit fields.
 pub(super) fn plain_immediate(pc: u32, h: u32, g: u32) -> Insn {
     let (n, d) = (h & 15, g >> 8 & 15);
     let imm12 = (h >> 10 & 1) << 11 | (g >> 12 & 7) << 8 | g & 0xff;
@@ -163,7 +163,7 @@ fn field(op: Dsp, d: u32, n: u32, low: u32, width: u32) -> Insn {
     Insn::regs(Op::Dsp(op), d, n, 0).with(width, low)
 }
 
-/// Data processing with a shifted register.
+/// Decodes data processing with a shifted register.
 pub(super) fn shifted_register(h: u32, g: u32) -> Insn {
     let (n, d) = (h & 15, g >> 8 & 15);
     let (m, s) = (g & 15, h & 0x10 != 0);
@@ -250,7 +250,7 @@ fn pack(h: u32, g: u32, amount: u32) -> Insn {
     Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m).with(top, amount)
 }
 
-/// Data processing of registers: shifts, extensions, parallel and miscellaneous operations.
+/// Decodes data processing of registers: shifts, extensions, parallel and miscellaneous operations.
 pub(super) fn register(h: u32, g: u32) -> Insn {
     let (n, d, m) = (h & 15, g >> 8 & 15, g & 15);
     let (op1, op2) = (h >> 4 & 15, g >> 4 & 15);
@@ -309,7 +309,7 @@ fn extension(h: u32, g: u32) -> Insn {
     Insn::regs(op, d, n, m).with(imm, kind)
 }
 
-/// Multiplications with a 32-bit result.
+/// Decodes multiplications with a 32-bit result.
 pub(super) fn multiply(h: u32, g: u32) -> Insn {
     let (n, d) = (h & 15, g >> 8 & 15);
     let (m, a) = (g & 15, g >> 12);
@@ -337,7 +337,7 @@ pub(super) fn multiply(h: u32, g: u32) -> Insn {
     Insn::regs(op, d, n, m).with(imm, a)
 }
 
-/// Multiplications with a 64-bit result, and divisions.
+/// Decodes multiplications with a 64-bit result, and divisions.
 pub(super) fn long_multiply(h: u32, g: u32) -> Insn {
     let (n, high) = (h & 15, g >> 8 & 15);
     let (m, low) = (g & 15, g >> 12);

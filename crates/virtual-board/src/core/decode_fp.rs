@@ -90,7 +90,7 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
     float(op, d, n, 0).with(count, x)
 }
 
-/// VLDR and VSTR.
+/// Decodes VLDR and VSTR.
 fn offset(pc: u32, h: u32, g: u32, d: u32) -> Insn {
     let (n, load, double) = (h & 15, h & 0x10 != 0, g & 0x100 != 0);
     let mut imm = directed(h & 0x80 != 0, (g & 0xff) << 2);

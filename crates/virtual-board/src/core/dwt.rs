@@ -4,7 +4,7 @@
 use crate::time::Cycles;
 
 const CYCCNTENA: u32 = 1;
-/// NUMCOMP: four comparators.
+/// Value of DWT_CTRL: four comparators (NUMCOMP).
 const CONTROL: u32 = 0x4000_0000;
 
 #[derive(Clone, Debug, Default)]

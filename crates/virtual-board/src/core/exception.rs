@@ -204,7 +204,7 @@ impl Core {
         self.take(system, exception, value, begin);
     }
 
-    /// Updates interrupt lines and SysTick.
+    /// Advances SysTick to the present cycle and reads the chip's interrupt lines.
     pub(super) fn refresh(&mut self, system: &mut impl System) {
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
@@ -245,7 +245,7 @@ impl Core {
         if original == 0 || after < before {
             return Some(fault);
         }
-        // Only the non-maskable interrupt reaches this line. The interrupt is taken first.
+        // Only the non-maskable interrupt can be the original exception here. It is taken before the fault.
         (original == number::NMI).then_some(original)
     }
 

@@ -82,7 +82,7 @@ impl Core {
         self.z != 0 && self.negative() == self.v
     }
 
-    /// a + b + carry, with flags.
+    /// Computes a + b + carry and sets the flags.
     #[inline(always)]
     pub(super) fn add_flags(&mut self, a: u32, b: u32, carry: bool) -> u32 {
         let (sum, first) = a.overflowing_add(b);
@@ -93,7 +93,7 @@ impl Core {
         sum
     }
 
-    /// a − b, with flags.
+    /// Computes a − b and sets the flags.
     #[inline(always)]
     pub(super) fn sub_flags(&mut self, a: u32, b: u32) -> u32 {
         let difference = a.wrapping_sub(b);
@@ -103,7 +103,7 @@ impl Core {
         difference
     }
 
-    /// Base register plus a constant.
+    /// Value of register n plus the constant.
     #[inline(always)]
     pub(super) fn offset(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, insn.imm)
@@ -114,7 +114,7 @@ impl Core {
         self.reg(insn.n()).wrapping_add(by)
     }
 
-    /// Base register plus a shifted register.
+    /// Value of register n plus register m shifted left.
     #[inline(always)]
     pub(super) fn index(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, self.reg(insn.m()) << (insn.imm & 31))
@@ -145,7 +145,7 @@ impl Core {
         ((self.reg(insn.m()) as i32) >> insn.imm.min(31)) as u32
     }
 
-    /// UBFX: `imm` bits from bit `x` on.
+    /// Result of UBFX: `imm` bits of register n from bit `x` on.
     #[inline(always)]
     fn bit_field(&self, insn: &Insn) -> u32 {
         self.reg(insn.n()) >> (insn.x() & 31) & (u32::MAX >> ((32 - insn.imm) & 31))

@@ -16,7 +16,7 @@ impl Insn {
     }
 }
 
-/// Shift by 0 to 255, with carry.
+/// Shifts a value by 0 to 255 places; returns the result and the carry flag.
 fn shift(kind: Shift, value: u32, by: u32, carry: bool) -> (u32, bool) {
     if by == 0 {
         return (value, carry);
@@ -42,7 +42,7 @@ fn shift(kind: Shift, value: u32, by: u32, carry: bool) -> (u32, bool) {
     }
 }
 
-/// Shift by an encoded constant, with carry.
+/// Shifts a value by an encoded constant; returns the result and the carry flag.
 fn shift_constant(kind: u8, value: u32, by: u32, carry: bool) -> (u32, bool) {
     if kind == RRX {
         return (value >> 1 | u32::from(carry) << 31, value & 1 != 0);
@@ -60,7 +60,7 @@ fn division_cycles(dividend: u32, divisor: u32) -> u64 {
 }
 
 impl Core {
-    /// TST, TEQ, CMP, CMN; `carry` comes from the second operand.
+    /// Sets the flags for TST, TEQ, CMP or CMN; `carry` is the carry of the second operand.
     #[inline]
     pub(super) fn test(&mut self, test: Test, a: u32, b: u32, carry: bool) {
         match test {
@@ -81,7 +81,7 @@ impl Core {
         }
     }
 
-    /// ALU operation without flags.
+    /// Result of an ALU operation; the flags are unchanged.
     #[inline(never)]
     pub(super) fn alu(&self, alu: Alu, a: u32, b: u32) -> u32 {
         let carry = u32::from(self.c);
@@ -101,7 +101,7 @@ impl Core {
         }
     }
 
-    /// ALU operation with flags; `carry` comes from the second operand.
+    /// Result of an ALU operation; sets the flags. `carry` is the carry of the second operand.
     #[inline]
     fn alu_flags(&mut self, alu: Alu, a: u32, b: u32, carry: bool) -> u32 {
         match alu {
@@ -132,7 +132,7 @@ impl Core {
         self.set(insn.d(), value);
     }
 
-    /// Shift by a constant, with flags.
+    /// Shifts a register by a constant and sets the flags.
     #[inline]
     pub(super) fn shift_flags(&mut self, kind: Shift, insn: &Insn) {
         let (value, carry) = shift(kind, self.reg(insn.m()), insn.imm, self.c);

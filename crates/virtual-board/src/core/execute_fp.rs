@@ -27,7 +27,7 @@ impl Core {
         Ok(())
     }
 
-    /// d = operation(n, m).
+    /// Executes d = operation(n, m) on single-precision registers.
     #[inline(always)]
     pub(super) fn binary(
         &mut self,
@@ -42,7 +42,7 @@ impl Core {
         Ok(())
     }
 
-    /// d = operation(d, n, m).
+    /// Executes d = operation(d, n, m) on single-precision registers.
     #[inline(always)]
     pub(super) fn ternary(
         &mut self,
@@ -69,7 +69,7 @@ impl Core {
         Ok(())
     }
 
-    /// VMLS rounds the product; VFMS does not.
+    /// Executes d − n · m: VMLS rounds the product, VFMS does not.
     #[inline(never)]
     pub(super) fn subtract_product(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         if insn.op == Op::Vfms {
@@ -83,7 +83,7 @@ impl Core {
         })
     }
 
-    /// d = operation(m), which raises no exception flags.
+    /// Executes d = operation(m), which raises no exception flags, on single-precision registers.
     #[inline(always)]
     pub(super) fn unary(
         &mut self,

@@ -57,13 +57,13 @@ impl Core {
         self.store(system, at, self.reg(insn.d()) & at.width.mask())
     }
 
-    /// A load that is not inlined.
+    /// Loads a value: the form of `load` that is not inlined.
     #[inline(never)]
     pub(super) fn load_word(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
         self.load(system, at)
     }
 
-    /// A store that is not inlined.
+    /// Stores a value: the form of `store` that is not inlined.
     #[inline(never)]
     pub(super) fn store_word(
         &mut self,
@@ -179,7 +179,7 @@ impl Core {
         Ok(())
     }
 
-    /// LDRD and STRD.
+    /// Executes LDRD and STRD.
     #[inline(never)]
     pub(super) fn move_double(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done {
         if insn.op == Op::Ldrd {

@@ -32,7 +32,7 @@ pub mod fpscr {
     pub const DZC: u32 = 1 << 1;
     /// Invalid operation.
     pub const IOC: u32 = 1;
-    /// Implemented bits.
+    /// Bits of FPSCR that are implemented.
     pub const WRITABLE: u32 = NZCV | AHP | DN | FZ | RMODE | IDC | 0x1f;
 }
 
@@ -281,7 +281,8 @@ fn round_single(value: Exact, status: &mut u32) -> u32 {
 fn sum(a: Exact, b: Exact, status: &mut u32) -> u32 {
     let top = |v: &Exact| v.exponent - v.mantissa.leading_zeros() as i32;
     let (large, small) = if top(&a) >= top(&b) { (a, b) } else { (b, a) };
-    // The larger operand is shifted up to bit 120, so bits lost from the smaller one are far below the last place.
+    // The larger operand is shifted up to bit 120, so the bits that the smaller operand loses are far below the last
+    // place.
     let up = large.mantissa.leading_zeros() - 7;
     let (mantissa, exponent) = (large.mantissa << up, large.exponent - up as i32);
     let distance = small.exponent - exponent;

@@ -104,9 +104,9 @@ pub enum Stop {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sleep {
     Awake,
-    /// WFI.
+    /// Waits for an interrupt (WFI).
     Interrupt,
-    /// WFE.
+    /// Waits for an event (WFE).
     Event,
     LockedUp,
 }

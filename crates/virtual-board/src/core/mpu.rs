@@ -15,7 +15,7 @@ pub(super) enum Access {
     Write,
 }
 
-/// Rights of an access.
+/// Rights with which an access is checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
     Privileged,
@@ -31,12 +31,13 @@ struct Region {
     control: u32,
 }
 
-/// Bits of a cached result.
+/// Bits of a cached check: result known, reading permitted, writing permitted.
 const KNOWN: u8 = 0x80;
 const READ: u8 = 1;
 const WRITE: u8 = 2;
 
-/// Numbers of 32-byte granules: 128 KiB at 0x2000_0000 (SRAM1, SRAM2), 64 KiB at 0x1000_0000 (CCM).
+/// Numbers of cached 32-byte granules: those of SRAM1 and SRAM2 (128 KiB at 0x2000_0000); all, with CCM (64 KiB at
+/// 0x1000_0000).
 const SRAM_GRANULES: usize = 4096;
 const GRANULES: usize = SRAM_GRANULES + 2048;
 
@@ -45,7 +46,7 @@ pub(super) struct Mpu {
     control: u32,
     selected: u32,
     regions: [Region; REGIONS],
-    /// Cached results for unprivileged and privileged accesses; empty while the MPU is off.
+    /// Cached checks of each granule, unprivileged and privileged; empty while the MPU is off.
     granules: Vec<[u8; 2]>,
 }
 
@@ -65,7 +66,7 @@ impl Region {
         self.control & 1 != 0
     }
 
-    /// Exponent of the size, 5 to 32.
+    /// Exponent k of the region's size, 2ᵏ bytes: 5 to 32.
     fn exponent(&self) -> u32 {
         (self.control >> 1 & 31) + 1
     }
@@ -85,7 +86,7 @@ impl Region {
         inside && (exponent < 8 || self.control >> (8 + subregion) & 1 == 0)
     }
 
-    /// Permissions, READ and WRITE.
+    /// Permitted accesses, as bits READ and WRITE.
     fn permissions(&self, privileged: bool) -> u8 {
         match (self.control >> 24 & 7, privileged) {
             (1, true) | (2, true) | (3, _) => READ | WRITE,
@@ -158,7 +159,7 @@ impl Mpu {
             return true;
         }
         if self.regions.iter().any(|r| r.overlaps_page(page)) {
-            // The page is uniform if the highest region that overlaps it covers all of it.
+            // The page is uniform if one region covers all of it: the overlapping region with the highest number.
             let Some(last) = self.regions.iter().rfind(|r| r.overlaps_page(page)) else {
                 return false;
             };

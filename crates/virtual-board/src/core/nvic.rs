@@ -152,7 +152,7 @@ impl Nvic {
         best
     }
 
-    /// Priority of the active exceptions, without masks.
+    /// Group priority of the most urgent active exception, without masks; [`THREAD`] without an active exception.
     pub(super) fn active_priority(&self) -> i32 {
         let mut rest = self.active;
         let mut priority = THREAD;

@@ -4,7 +4,7 @@ use super::Core;
 use super::fetch::FLASH;
 use crate::time::Cycles;
 
-/// Counts and durations of an exception.
+/// Number, durations and latency of an exception's executions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExceptionProfile {
     /// Number of returns from the exception.
@@ -28,7 +28,7 @@ struct Running {
     others: Cycles,
 }
 
-/// Profile of a run.
+/// Cycles by instruction and exception since profiling began.
 #[derive(Clone, Debug)]
 pub struct Profile {
     /// Cycles for each halfword of flash.
@@ -51,7 +51,7 @@ impl Default for Profile {
 }
 
 impl Profile {
-    /// Instructions in flash that took cycles, by address, with their cycles.
+    /// Addresses of the instructions in flash that took cycles, with these cycles.
     pub fn instructions(&self) -> impl Iterator<Item = (u32, Cycles)> {
         let addresses = (FLASH..).step_by(2);
         addresses
@@ -65,7 +65,7 @@ impl Profile {
         self.elsewhere
     }
 
-    /// Counts and durations of an exception.
+    /// Number, durations and latency of an exception's executions.
     pub fn exception(&self, number: u16) -> ExceptionProfile {
         let found = self.exceptions.get(usize::from(number));
         found.copied().unwrap_or_default()
@@ -125,7 +125,7 @@ impl Core {
         self.check_needed = true;
     }
 
-    /// Profile so far; `None` if profiling is off.
+    /// Profile since profiling began; `None` if profiling is off.
     pub fn profile(&self) -> Option<&Profile> {
         self.profile.as_deref()
     }

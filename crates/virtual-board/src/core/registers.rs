@@ -20,7 +20,7 @@ impl Core {
         self.instructions
     }
 
-    /// Cycles in which the core was asleep.
+    /// Cycles in which the core was asleep since the first power-on.
     pub fn asleep(&self) -> Cycles {
         self.asleep
     }

@@ -138,7 +138,7 @@ impl Core {
         }
     }
 
-    /// Not inlined, so that the loop keeps its values in registers of the host.
+    /// Executes decoded instructions. Not inlined, so that this loop keeps its values in registers of the host.
     #[inline(never)]
     fn execute_decoded<const PROBE: bool>(
         &mut self,

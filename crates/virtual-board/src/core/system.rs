@@ -42,7 +42,7 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    /// A word access.
+    /// Access to a word by the instruction at `pc`.
     #[inline(always)]
     pub const fn word(address: u32, pc: u32) -> Self {
         let width = Width::Word;
@@ -82,9 +82,9 @@ pub trait System {
     fn fetch(&mut self, address: u32) -> Result<u16, BusError>;
     /// Fetches from another line of 16 bytes that the program enters, by a jump or sequentially.
     fn enter_line(&mut self, address: u32, cycle: &mut Cycles);
-    /// Loads a value.
+    /// Loads a value of the width in `at`.
     fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError>;
-    /// Stores a value.
+    /// Stores a value of the width in `at`.
     fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError>;
     /// Latest cycle at which the core must interrupt execution and call [`Self::advance`]. An access that needs such a
     /// call at once, for example because an interrupt line changed, sets the limit to 0.

@@ -131,7 +131,7 @@ impl SysTick {
 mod tests {
     use super::*;
 
-    /// Reference counter, stepped tick by tick.
+    /// Reference model of SysTick, stepped tick by tick.
     struct Stepped {
         value: u32,
         reload: u32,

@@ -120,7 +120,7 @@ fn address_from(insn: &Insn, register: u8) -> bool {
     by_register || (base && insn.n() == register)
 }
 
-/// True if the cycles of an instruction depend on the next one.
+/// True if the cycles of an instruction depend on the next instruction.
 pub(super) fn depends_on_follower(insn: &Insn) -> bool {
     matches!(class(insn), Class::Load | Class::Data | Class::Float)
 }
@@ -160,11 +160,11 @@ fn alone(insn: &Insn) -> u32 {
         Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,
         Op::Ldrd | Op::Strd => 3,
         Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
-        // The list excludes the program counter, which takes one more cycle.
+        // The list of registers excludes the program counter, which takes one more cycle.
         Op::PopPc => 2 + registers,
         Op::Table => 2,
         Op::Mla | Op::Mls => 1,
-        // A division takes at least 2 cycles; its execution adds those that depend on the operands.
+        // A division takes at least 2 cycles; its execution adds the cycles that depend on the operands.
         Op::Udiv | Op::Sdiv => 2,
         Op::Dsp(Dsp::Usad) => 1,
         Op::Special(Special::Mrs | Special::Msr) => 2,

@@ -53,7 +53,7 @@ struct Glitch {
     to: Time,
 }
 
-/// An encoder on a wheel.
+/// Encoder on a wheel, with its motion, faults and glitches.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     config: EncoderConfig,
@@ -129,7 +129,7 @@ impl Encoder {
         self.edge.0.min(glitch)
     }
 
-    /// Advances to a time.
+    /// Advances to a time, through all edges until then.
     pub fn advance(&mut self, to: Time) {
         while self.edge.0 <= to {
             self.now = self.edge.0;
@@ -164,7 +164,7 @@ impl Encoder {
         )
     }
 
-    /// Drives of A and B.
+    /// Drives of the outputs A and B at the time of the latest call.
     pub fn drives(&self) -> (Drive, Drive) {
         let (a, b) = self.levels();
         (Drive::to(a), Drive::to(b))

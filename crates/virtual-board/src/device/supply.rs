@@ -24,7 +24,7 @@ impl Profile {
         Self { points }
     }
 
-    /// Value at a time; at a step, the value after it; 0 without points.
+    /// Value of the profile at a time; at a step, the value after the step; 0 without points.
     pub fn at(&self, at: Time) -> f64 {
         let after = self.points.partition_point(|p| p.0 <= at);
         let before = after.checked_sub(1).and_then(|i| self.points.get(i));
@@ -109,7 +109,7 @@ impl Divider {
         self.input_v = volts;
     }
 
-    /// Output at a time, V.
+    /// Output voltage at a time, V.
     pub fn output(&mut self, at: Time) -> f64 {
         let target = self.share * self.input_v;
         if self.tau_s > 0.0 {

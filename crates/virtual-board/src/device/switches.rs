@@ -59,7 +59,7 @@ impl Contact {
         self.edges.front().map_or(Time::NEVER, |e| e.0)
     }
 
-    /// Advances to a time.
+    /// Advances the contact to a time.
     pub fn advance(&mut self, to: Time) {
         while let Some((_, closed)) = self.edges.pop_front_if(|(at, _)| *at <= to) {
             self.closed = closed;

@@ -4,7 +4,7 @@ use gimli::{Dwarf, EndianSlice, LittleEndian, SectionId, Unit};
 use std::collections::HashMap;
 use std::fmt;
 
-/// A source line.
+/// File and line of source code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SourceLine<'a> {
     /// File, with its directory at compile time.
@@ -28,7 +28,7 @@ struct LineRow {
     line: u32,
 }
 
-/// The whole table, in the order of addresses.
+/// Line table of an image, in the order of addresses.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
     rows: Vec<LineRow>,

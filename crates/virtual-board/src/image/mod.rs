@@ -35,7 +35,7 @@ pub struct ImageError {
     pub file: String,
     /// Name of the invalid field.
     pub field: &'static str,
-    /// Value of the field.
+    /// Value of the field, which is not allowed.
     pub value: String,
     /// Allowed values of the field.
     pub allowed: &'static str,
@@ -71,7 +71,7 @@ impl Segment {
     }
 }
 
-/// A function or a variable.
+/// Function or variable of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Symbol {
     /// Name as in the source, without hash.
@@ -82,7 +82,7 @@ pub struct Symbol {
     pub size: u32,
 }
 
-/// An image.
+/// Program of a board, checked, with its symbols and source lines.
 #[derive(Debug)]
 pub struct Image {
     bytes: Vec<u8>,
@@ -164,7 +164,7 @@ impl Image {
         let pc = pc & !1;
         let after = self.functions.partition_point(|s| s.address <= pc);
         let symbol = self.functions.get(after.checked_sub(1)?)?;
-        // A function of unknown length extends to the next one.
+        // A function of unknown length extends to the next function.
         (symbol.size == 0 || pc - symbol.address < symbol.size).then_some(symbol)
     }
 
@@ -315,7 +315,7 @@ fn vectors(segments: &[Segment]) -> Result<(), Wrong> {
     };
     let sp = u32::from_le_bytes([a, b, c, d]);
     let reset = u32::from_le_bytes([e, f, g, h]);
-    // The stack grows down from its first address, which may be the end of the memory.
+    // The stack grows down from the initial stack pointer, which may be the end of the memory.
     let in_memory = [SRAM, CCM].iter().any(|m| sp > m.start && sp <= m.end);
     if !in_memory || sp % 4 != 0 {
         return Err((

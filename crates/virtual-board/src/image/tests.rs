@@ -7,7 +7,7 @@ use gimli::write::{
 };
 use gimli::{Encoding, Format, LineEncoding};
 
-/// Parts of an ELF file.
+/// Parts of an ELF file, from which the file is built.
 #[derive(Clone)]
 pub(crate) struct Builder {
     /// Physical address, virtual address, content.
@@ -42,8 +42,8 @@ impl Builder {
         self
     }
 
-    /// Adds a line table (DWARF 5, by gimli's writer) with rows of address, file and line; `end` is the end of the last
-    /// row.
+    /// Adds a line table (DWARF 5, by gimli's writer) with rows of address, file and line; `end` is the address at
+    /// which the code of the last row ends.
     pub fn lines(mut self, rows: &[(u32, &str, u64)], end: u32) -> Self {
         let encoding = Encoding {
             address_size: 4,

@@ -10,7 +10,7 @@ use std::fmt;
 /// Table entry for the cycles that belong to no function of the image.
 const ELSEWHERE: &str = "(outside the flash, and first fetches)";
 
-/// Times of an interrupt or another exception.
+/// Name and execution times of the handler of an interrupt or another exception.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct InterruptTime {
     /// Name of the handler.
@@ -19,7 +19,7 @@ pub struct InterruptTime {
     pub times: ExceptionProfile,
 }
 
-/// Cycles of a function.
+/// Name and cycles of a function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FunctionTime {
     /// Name; without symbols, the address.
@@ -28,7 +28,7 @@ pub struct FunctionTime {
     pub cycles: Cycles,
 }
 
-/// Times of a board.
+/// Execution times of a board by function, source line and interrupt.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Times {
     functions: Vec<FunctionTime>,
@@ -108,7 +108,7 @@ impl Times {
         &self.interrupts
     }
 
-    /// Cycles of all instructions.
+    /// Cycles of all instructions since profiling began.
     pub fn total(&self) -> Cycles {
         self.functions.iter().map(|f| f.cycles).sum()
     }

@@ -25,7 +25,7 @@ pub struct Rtt {
     reading: bool,
 }
 
-/// Fields of the channel.
+/// Up channel 0, as read from the control block.
 #[derive(Clone, Copy)]
 struct Channel {
     /// Offsets in the memory of the channel's fields and of the ring buffer.

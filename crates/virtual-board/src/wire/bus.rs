@@ -41,7 +41,7 @@ pub enum Fault {
     Noise(f64),
 }
 
-/// A transmission that has ended.
+/// Transmission of a frame that has ended, with or without error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Record {
     /// Index of the transmitting node.
@@ -114,7 +114,7 @@ impl Wire {
         self.records.get_or_insert_default();
     }
 
-    /// Transmissions since the last call.
+    /// Transmissions recorded since the last call.
     pub fn take_records(&mut self) -> Vec<Record> {
         self.records
             .as_mut()
@@ -122,7 +122,7 @@ impl Wire {
             .unwrap_or_default()
     }
 
-    /// Statistics of a node.
+    /// Statistics of a node: its frames and errors.
     pub fn statistics(&self, node: usize) -> Statistics {
         self.can_nodes
             .get(node)
@@ -263,7 +263,7 @@ impl Wire {
         self.asleep = still && !driven && self.quiet_until() > at;
     }
 
-    /// Updates the number of nodes for which the bus is not idle.
+    /// Counts a node for which the bus is no longer idle, or is idle again.
     fn occupy(&mut self, is_busy: bool) {
         if is_busy {
             self.busy += 1;

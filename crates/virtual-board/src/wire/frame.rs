@@ -49,7 +49,7 @@ impl Frame {
         frame
     }
 
-    /// The identifier.
+    /// Identifier, with 11 or 29 bits.
     pub fn id(&self) -> Id {
         self.id
     }
@@ -160,7 +160,7 @@ impl Bits {
         self.length() - 9
     }
 
-    /// All bits; true is recessive.
+    /// All bits in the order of transmission; true is recessive.
     pub fn iter(&self) -> impl Iterator<Item = bool> + '_ {
         (0..self.length()).map(|i| self.recessive(i))
     }

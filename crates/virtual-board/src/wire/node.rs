@@ -45,7 +45,7 @@ impl ErrorKind {
     }
 }
 
-/// Settings of a controller.
+/// Settings of a controller: bit timing, connections to the bus, recovery from bus-off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// True if the controller takes part in the bus.
@@ -95,7 +95,7 @@ pub enum Action {
     },
 }
 
-/// Kind of an event.
+/// Kind of an event that the wire reports to a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EventKind {
     /// The controller detected eleven recessive bits and takes part from now on.
@@ -153,7 +153,7 @@ pub struct Event {
     pub rec: u8,
 }
 
-/// A controller on the bus.
+/// A controller on the bus, as the wire sees it: actions to the wire, events from the wire.
 pub trait Node {
     /// Takes the node's next action, in order of time; `None` if no action is left.
     fn take_action(&mut self) -> Option<(Time, Action)>;

@@ -8,7 +8,7 @@ use super::node::ErrorKind;
 pub(crate) enum ReceiverStep {
     /// The bit has no special meaning; the frame continues.
     More,
-    /// The checksum is complete and correct: the bit after the next one acknowledges.
+    /// The checksum is complete and correct: after one more bit follows the slot for the acknowledgement.
     Acknowledge,
     /// The frame is valid for a receiver: last but one bit of the end of frame.
     Valid,
@@ -24,7 +24,7 @@ pub(crate) enum ReceiverStep {
 const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
-/// A frame being received.
+/// Frame being received: the bits so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,
@@ -64,7 +64,7 @@ impl Receiver {
         Frame::raw(id, self.remote, self.code, data.to_be_bytes())
     }
 
-    /// Takes the next bit.
+    /// Takes the next bit of the frame and returns its meaning.
     pub fn step(&mut self, dominant: bool) -> ReceiverStep {
         if self.total == Some(self.count) && self.run != 5 {
             return self.tail(dominant);

@@ -2,7 +2,7 @@
 
 use super::node::ErrorKind;
 
-/// Counts of one node since the start.
+/// Numbers of frames and errors of one node since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Frames transmitted and acknowledged.
@@ -24,7 +24,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Errors of a kind.
+    /// Number of errors of one kind.
     pub fn errors_of(&self, kind: ErrorKind) -> u64 {
         self.errors[kind as usize]
     }

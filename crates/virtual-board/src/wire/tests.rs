@@ -119,8 +119,8 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
             panic!();
         };
         let bits = frame.bits().length() as u64;
-        // From the first sample point to the last are all bits but one. The acknowledgement is late by twice the delay,
-        // so the sender synchronizes by its jump width, a seventh of a bit.
+        // From its first to its last sample point, a frame has one bit less than its length. The acknowledgement is
+        // late by twice the delay, so the sender synchronizes by its jump width, a seventh of a bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
         // The frame starts within a bit after the request; `start` is the sample point, at 6/7 of the bit.
@@ -311,8 +311,8 @@ fn stuck_dominant_bus_causes_bus_off_and_recovery() {
     bench.disturb(micros(120), micros(2000));
     bench.run(micros(2000));
     let off = bench.events(0, |w| *w == EventKind::Off);
-    // The transmit counter rises by 8 for the error, then by 8 for every 8 dominant bits after the flag of 6 bits. It
-    // reaches 256 at the 32nd step.
+    // The transmit counter rises by 8 for the error, then by 8 for every 8 dominant bits after the flag of 6 bits. The
+    // counter reaches 256 at the 32nd step.
     let bits = off[0].at.micros() - 120;
     assert!((6 + 31 * 8 - 3..6 + 31 * 8 + 12).contains(&bits), "{bits}");
     let receiver = bench.events(1, |_| true).pop().map(|e| (e.tec, e.rec));

@@ -2,7 +2,7 @@
 
 use crate::time::Time;
 
-/// Bit timing of a controller.
+/// Bit timing of a controller: length of a quantum, and quanta of each segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTiming {
     /// Length of a time quantum, 2⁻³² ps.

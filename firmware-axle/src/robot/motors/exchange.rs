@@ -25,7 +25,7 @@ pub fn put_feedback(feedback: Feedback) {
     critical::all(|cs| FEEDBACK.borrow(cs).set(feedback));
 }
 
-/// Measurements of the last tick.
+/// Measurements of the current loop at the latest tick.
 pub fn feedback() -> Feedback {
     critical::all(|cs| FEEDBACK.borrow(cs).get())
 }

@@ -35,9 +35,9 @@ use embassy_stm32::pac::timer::vals::{Bkp, Cms, Mms, Ocm, Ossi};
 use embassy_stm32::peripherals::{self, PA8, PA9, PB12};
 use embassy_stm32::{Peri, rcc};
 
-/// Top of the counter.
+/// Top of the counter: half a PWM period.
 pub const TOP: u16 = sampling::AXLE.top;
-/// Counts in a microsecond.
+/// Counts of TIM1 in a microsecond.
 const COUNTS_PER_US: u16 = 168;
 /// TIM1 is alternate function 1 on all of its pins.
 const ALTERNATE: u8 = 1;
@@ -121,8 +121,8 @@ impl Pwm {
         self.trigger = (trigger, self.trigger.0);
     }
 
-    /// Time from the beginning of the period to the conversions before the latest [`Pwm::set`], µs. It varies by 23 µs
-    /// with the duties.
+    /// Time from the beginning of the period to the conversions before the latest [`Pwm::set`], µs. The time varies by
+    /// 23 µs with the duties.
     pub fn phase_us(&self) -> u64 {
         u64::from(self.trigger.1 / COUNTS_PER_US)
     }

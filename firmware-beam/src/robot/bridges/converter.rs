@@ -73,7 +73,7 @@ static RING: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
 static FULL: AtomicU32 = AtomicU32::new(0);
 static READY: Signal<CriticalSectionRawMutex, Ready> = Signal::new();
 
-/// A block that is full.
+/// Latest full block: its half of the ring, its number and the time at which it was full.
 #[derive(Clone, Copy)]
 struct Ready {
     half: Half,
@@ -81,10 +81,10 @@ struct Ready {
     local: Micros,
 }
 
-/// The converter.
+/// Access to the blocks of samples, for the tick.
 pub struct Converter {
     samples: &'static mut [u16; BLOCK],
-    /// Time of the latest full block.
+    /// Local time of the latest full block; `None` before the first.
     last: Option<Micros>,
 }
 
@@ -230,7 +230,7 @@ fn stop() -> bool {
     // Switching the converter off makes the next scan begin with the first channel. A pending DMA request and the
     // overrun flag would prevent further requests.
     pac::ADC1.cr2().write(|_| {});
-    // Read the result that was not fetched, so that it is not the first of the next scan.
+    // Reads the unfetched result, which would otherwise be the first of the next scan.
     pac::ADC1.dr().read();
     pac::ADC1.sr().write_value(Sr(0));
     // A stopped stream sets its flag of completion, and a stream does not start while a flag is set.

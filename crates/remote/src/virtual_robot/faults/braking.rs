@@ -40,7 +40,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         world.sensors.accelerometer.fitted,
     ) = (false, false);
     let mut bench = FaultBench::new(&campaign, Options::default(), seed)?;
-    // A chock at one wheel keeps the robot from rolling down the slope until it drives.
+    // A chock at one wheel keeps the robot from rolling down the slope until the robot drives.
     bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();

@@ -50,7 +50,7 @@ pub type BoardTrial = fn(&Campaign, u64) -> Result<Result<usize, String>, Error>
 /// Check of the robot at the end of a run: description of the problem; `None` without one.
 pub type Check = fn(&mut FaultBench) -> Option<String>;
 
-/// Kind of run, with its acts.
+/// How a fault is run, with its acts.
 #[derive(Clone, Debug)]
 pub enum RunKind {
     /// The robot drives; then these acts follow.
@@ -70,7 +70,7 @@ pub struct Entry {
     pub name: &'static str,
     /// Component or signal at which the fault occurs.
     pub seam: &'static str,
-    /// Kind of run with its acts.
+    /// How the fault is run, with its acts.
     pub kind: RunKind,
     /// True if the robot may continue.
     pub goes_on: bool,
@@ -90,7 +90,7 @@ pub struct Entry {
     pub unready: bool,
     /// Notice that the affected board must report; `None` if none is demanded.
     pub notice: Option<Condition>,
-    /// Check at the end of the run.
+    /// Check of the robot at the end of the run; `None` without a check.
     pub check: Option<Check>,
     /// Findings that the fault itself causes, each given by a part of its text.
     pub findings: &'static [&'static str],

@@ -260,7 +260,8 @@ pub fn run_on(
 }
 
 /// Description of the true goal error of a finished task; `None` if position and heading error are each within the
-/// larger of [`TOLERANCE`] and the robot's 95 % error. Finishing is itself a failure if the entry does not permit it.
+/// larger of [`TOLERANCE`] and the robot's 95 % error. Finishing is itself a failure if the entry does not permit the
+/// robot to continue.
 fn goal_missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
     if !entry.goes_on {
         return Some("finished in spite of the fault".to_owned());

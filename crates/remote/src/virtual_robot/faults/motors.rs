@@ -22,8 +22,8 @@ const MOTOR: &[Condition] = &[
 /// Permitted reason of a stop after a stuck transistor: the driver reports a fault. The wheel brakes through the
 /// transistor until the wheel is at rest, so current flows until then.
 const NOTICED: &[Condition] = &[DriverFault];
-/// Limit of the time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks,
-/// and the millisecond in which the driver falls asleep.
+/// Limit of the time until a motor is off after a fault that cuts the motor, s: detection time of the condition, a few
+/// ticks, and the millisecond in which the driver falls asleep.
 const CUT_S: f64 = 0.02;
 
 fn driver_fault(bench: &mut FaultBench, after_us: u64, span_us: u64) {

@@ -15,7 +15,7 @@ pub struct FaultCase<'a> {
     pub seed: u64,
 }
 
-/// Kind of end of a run with a fault.
+/// How a run with a fault ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
@@ -34,7 +34,7 @@ pub struct Outcome {
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,
-    /// End of the run.
+    /// How the run ended.
     pub end: End,
     /// First reason of a stop seen on the bus; `None` without a stop.
     #[serde(serialize_with = "name")]
@@ -51,8 +51,8 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// Description of a stop that the entry does not permit; `None` if it permits the stop. `off_s` is the time until all
-/// motors were off, `own_off_s` until the last PWM pulse of the affected axle.
+/// Description of a stop that the entry does not permit; `None` if the entry permits the stop. `off_s` is the time
+/// until all motors were off, `own_off_s` until the last PWM pulse of the affected axle.
 pub(super) fn stop_violation(
     entry: &Entry,
     reason: Option<Condition>,

@@ -20,7 +20,7 @@ const FAILED: &[Condition] = &[
     TickOverrun,
 ];
 
-/// Board of the affected wheel.
+/// Board of the axle with the affected wheel.
 pub fn wheel_board(bench: &mut FaultBench) -> Role {
     bench.wheel().0
 }

@@ -81,7 +81,7 @@ pub fn run(
 struct MotorObservation {
     /// Time of the start of the fault.
     from: Time,
-    /// For each axle, last time at which one of its motors carried current.
+    /// Latest time at which a motor of each axle carried current.
     last: Vec<Time>,
     /// True if a motor carried current at the end of the run.
     driven: bool,

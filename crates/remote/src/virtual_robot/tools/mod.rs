@@ -66,7 +66,7 @@ impl VirtualRobot {
         self.tools.cuts.events()
     }
 
-    /// Actions before a tick of the experiment.
+    /// Prepares a tick of the experiment: waits for real time, switches power, recovers restarted boards.
     pub(super) fn begin_tick(&mut self) {
         if let Some(pace) = &mut self.control.pace {
             pace.wait();
@@ -75,7 +75,7 @@ impl VirtualRobot {
         self.recover();
     }
 
-    /// Actions after a tick of the experiment.
+    /// Completes a tick of the experiment: checks motors after power cuts, passes events to the observers.
     pub(super) fn end_tick(&mut self) -> Result<(), Error> {
         self.check_motors_off();
         self.publish();

@@ -34,25 +34,25 @@ use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 use registers::*;
 
-/// Time from switching on to the first conversion.
+/// Time from switching the converter on to its first conversion.
 const STABILISATION: Time = Time::from_micros(3);
 /// Supply limit, V; highest clock frequency above and below this supply, and lowest clock frequency, Hz (data sheet).
 const FULL_SPEED_V: f64 = 2.4;
 const MAX_HZ: [u64; 2] = [36_000_000, 18_000_000];
 const MIN_HZ: u64 = 600_000;
-/// Clocks from a trigger to the start of a conversion: regular, injected.
+/// Converter clocks from a trigger to the start of a conversion: regular group, injected group.
 const LATENCY: [u64; 2] = [2, 3];
-/// Clocks of a conversion after sampling: one for each bit.
+/// Converter clocks of a conversion after sampling: one for each bit of the result.
 const CONVERTING: u64 = 12;
 
-/// Counts of conversions and overruns.
+/// Numbers of conversions and overruns of ADC1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Conversions of the regular group.
     pub regular: u64,
     /// Conversions of the injected group.
     pub injected: u64,
-    /// Overruns.
+    /// Overruns of the regular group: results lost because the previous result was not read.
     pub overruns: u64,
 }
 
@@ -144,12 +144,12 @@ impl Adc {
         self.noise
     }
 
-    /// Conversions so far.
+    /// Numbers of conversions and overruns so far.
     pub fn counts(&self) -> Counts {
         self.counts
     }
 
-    /// Cycle of the latest start of the injected group.
+    /// Cycle at which the injected group was last started.
     pub fn started(&self) -> Cycles {
         self.started
     }
@@ -177,7 +177,7 @@ impl Adc {
         [due, sampled].map(|at| at.saturating_sub(now))
     }
 
-    /// Resumes a conversion with these remaining cycles.
+    /// Resumes a conversion that has `end` cycles left, and `sampled` cycles left to its sampling point.
     fn resume(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
         let now = shared.now;
         let Some(conversion) = &mut self.conversion else {
@@ -209,7 +209,7 @@ impl Adc {
         shared.clocks.apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1)
     }
 
-    /// Sampling time of a channel, clocks.
+    /// Sampling time of a channel, clocks of the converter.
     fn sampling(&self, channel: u32) -> u64 {
         let bits = match channel {
             0..=9 => self.reg(SMPR2) >> (3 * channel),
@@ -276,7 +276,7 @@ impl Adc {
         }
     }
 
-    /// Starts a group, by trigger or by the program.
+    /// Starts the conversions of a group (regular or injected), by trigger or by the program.
     fn start(&mut self, injected: bool, shared: &mut Shared) {
         if !injected && self.sr & OVR != 0 && self.detects_overruns() {
             // Manual: regular triggers are ignored until the overrun flag is cleared.
@@ -385,7 +385,7 @@ impl Adc {
         self.request_dma(shared);
     }
 
-    /// Advances to the next position; true at the end of the sequence.
+    /// Advances a group to the next channel of its sequence; true at the end of the sequence.
     fn advance(&mut self, injected: bool) -> bool {
         let length = self.length(injected);
         let position = self.position(injected);

@@ -4,7 +4,7 @@ use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
 use super::super::timer::TimerId;
 
-// Offsets of registers.
+// Offsets of the converter's registers.
 pub(super) const SR: u32 = 0x00;
 pub(super) const CR1: u32 = 0x04;
 pub(super) const CR2: u32 = 0x08;
@@ -58,7 +58,7 @@ pub(super) const SWSTART: u32 = 1 << 30;
 /// Bits of CCR that are not modelled: MULTI, DMA mode of several converters, VBATE, TSVREFE.
 pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 
-/// Sampling times by SMPx, clocks.
+/// Sampling times by the code in SMPx, clocks of the converter.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
 /// Timer whose TRGO starts the regular group, by EXTSEL; `None` for other triggers, which are not modelled.

@@ -1,5 +1,5 @@
-//! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks after its
-//! trigger, an injected one three. One clock of the converter is two core cycles.
+//! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks of the
+//! converter after its trigger, an injected conversion three. One clock of the converter is two core cycles.
 
 use super::*;
 use crate::chip::circuit::Circuit;
@@ -100,7 +100,7 @@ impl AdcBench {
         }
     }
 
-    /// Advances to `end`, inclusive.
+    /// Handles the converter's events up to and including cycle `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         while self.shared.arrive(Unit::Adc, end) {
             self.adc.event(&mut self.shared);

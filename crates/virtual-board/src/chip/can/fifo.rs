@@ -40,7 +40,7 @@ impl Fifo {
         self.count as u32 | self.flags | release
     }
 
-    /// A word of the output mailbox.
+    /// Word of the message in the output mailbox, numbered as in [`Message`].
     pub fn output(&self, word: usize) -> u32 {
         self.messages[0][word]
     }
@@ -53,7 +53,7 @@ impl Fifo {
         }
     }
 
-    /// Completes the release.
+    /// Completes the release of the output mailbox: the next message moves there.
     pub fn released(&mut self) {
         self.release = NEVER;
         if self.count > 0 {
@@ -62,7 +62,7 @@ impl Fifo {
         }
     }
 
-    /// Stores a received message. True if the FIFO was full: the message then overwrites the newest one.
+    /// Stores a received message. True if the FIFO was full: the message then overwrites the newest message.
     pub fn push(&mut self, message: Message) -> bool {
         let full = self.count == DEPTH;
         if !full {

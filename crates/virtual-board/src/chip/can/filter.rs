@@ -4,7 +4,7 @@
 
 use crate::wire::{Frame, Id};
 
-/// Banks of CAN1 and CAN2 together.
+/// Number of filter banks, which CAN1 and CAN2 share.
 pub(super) const BANKS: usize = 28;
 /// Mask of all banks, one bit each.
 pub(super) const ALL: u32 = (1 << BANKS) - 1;
@@ -56,7 +56,7 @@ pub(super) fn wide(frame: &Frame) -> u32 {
 }
 
 impl Filters {
-    /// True if an active bank is not a single 32-bit mask.
+    /// True if an active bank is not a single 32-bit mask, the only modelled kind.
     pub fn are_unknown(&self) -> bool {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
@@ -73,7 +73,7 @@ impl Filters {
         for (bank, [value, mask]) in self.banks[..own].iter().enumerate() {
             let bit = |register: u32| register >> bank & 1;
             let fifo = bit(self.assignment) as usize;
-            // Bit 0 is unused.
+            // Bit 0 of a 32-bit filter is unused.
             if bit(self.active) == 1 && (id ^ value) & mask & !1 == 0 {
                 let index = numbers[fifo];
                 return Some(Match { fifo, index });

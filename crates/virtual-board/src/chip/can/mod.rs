@@ -38,10 +38,10 @@ use mailbox::{ABRQ, ALST, Mailbox, RQCP, TERR, TXOK};
 use registers::*;
 use std::collections::VecDeque;
 
-/// The highest bit rate, bit/s.
+/// Highest bit rate that the controller supports, bit/s.
 const MAX_RATE: u64 = 1_000_000;
 
-/// Operating mode of the controller.
+/// Operating mode of the controller, set by INRQ and SLEEP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
     #[default]
@@ -69,7 +69,7 @@ pub(crate) struct Can {
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,
-    /// Messages lost since the first power-on.
+    /// Messages lost because a receive FIFO was full, since the first power-on.
     lost: u64,
     actions: VecDeque<(Time, Action)>,
     events: VecDeque<Event>,
@@ -94,7 +94,7 @@ impl Can {
         self.lines(shared);
     }
 
-    /// Messages lost in the FIFOs.
+    /// Messages lost because a receive FIFO was full, since the first power-on.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -297,7 +297,7 @@ impl Can {
         *register = value;
     }
 
-    /// Updates the four interrupt lines.
+    /// Sets CAN1's four interrupt lines from its flags.
     fn lines(&self, shared: &mut Shared) {
         let enabled = |bit: u32| self.ier & bit != 0;
         let complete = self.mailboxes.iter().any(|m| m.flags & RQCP != 0);
@@ -317,7 +317,7 @@ impl Can {
         shared.line(Interrupt::Can1Sce, change);
     }
 
-    /// Schedules the next event or FIFO release.
+    /// Schedules the controller's next bus event or FIFO release.
     fn plan(&self, shared: &mut Shared) {
         let event = self.events.front().map(|e| shared.base.cycle_of(e.at));
         let releases = self.fifos.iter().map(|fifo| fifo.release);
@@ -327,7 +327,7 @@ impl Can {
         }
     }
 
-    /// Queues an event of the bus.
+    /// Queues an event that the bus reports; the controller handles it at its time.
     pub fn post(&mut self, event: Event, shared: &mut Shared) {
         self.events.push_back(event);
         if self.events.len() == 1 {

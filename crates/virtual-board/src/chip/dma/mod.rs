@@ -43,7 +43,7 @@ macro_rules! streams {
 
 const REGISTERS: &[Register] = streams!(0 1 2 3 4 5 6 7);
 
-/// One of the two controllers.
+/// DMA controller of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Controller {
     Dma1,
@@ -58,7 +58,7 @@ const REQUESTS: [(Controller, usize, u32, Request); 5] = [
     (Controller::Dma2, 4, 0, Request::Adc1),
 ];
 
-/// First bit of a stream's flags in its status register.
+/// Position of a stream's lowest flag in the status register.
 fn shift(stream: usize) -> u32 {
     [0, 6, 16, 22][stream % 4]
 }
@@ -90,12 +90,12 @@ impl Dma {
         self.assigned_streams[request as usize]
     }
 
-    /// Next item of a stream: source, destination, width.
+    /// Next transfer of a stream: source address, destination address, width.
     pub fn item(&self, stream: usize) -> (u32, u32, Width) {
         self.streams[stream].item()
     }
 
-    /// Records a moved item, or a bus error if not `done`. True if a block ended.
+    /// Records that an item was transferred, or a bus error if not `done`. True if a block ended.
     pub fn moved(&mut self, stream: usize, done: bool, shared: &mut Shared) -> bool {
         let s = &mut self.streams[stream];
         let ended = done && s.moved();
@@ -117,7 +117,7 @@ impl Dma {
         ended
     }
 
-    /// Updates the assignment of streams to requests.
+    /// Finds the stream that serves each request.
     fn assign_streams(&mut self) {
         self.assigned_streams = [None; Request::COUNT];
         for &(controller, stream, channel, request) in REQUESTS.iter().rev() {

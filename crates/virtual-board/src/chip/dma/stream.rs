@@ -27,7 +27,7 @@ pub(super) struct Stream {
     pub memory: [u32; 2],
     pub fcr: u32,
     pub flags: u32,
-    /// Items in a block.
+    /// Number of items in a block: NDTR when the stream was enabled.
     block: u32,
     /// Increment of the memory address since the start of the block, bytes.
     byte_offset: u32,
@@ -59,7 +59,7 @@ impl Stream {
         }
     }
 
-    /// True if an enabled interrupt flag is set.
+    /// True if a flag is set whose interrupt is enabled.
     pub fn active(&self) -> bool {
         let on = |flag: u32, enable: u32| self.flags & flag != 0 && self.cr & enable != 0;
         on(TCIF, TCIE) || on(HTIF, HTIE) || on(TEIF, TEIE)
@@ -70,7 +70,7 @@ impl Stream {
         (self.block, self.byte_offset) = (self.ndtr, 0);
     }
 
-    /// Next item: source, destination, width.
+    /// Next transfer: source address, destination address, width.
     pub fn item(&self) -> (u32, u32, Width) {
         let memory = self.memory[0].wrapping_add(self.byte_offset);
         match self.cr & DIR {
@@ -79,7 +79,7 @@ impl Stream {
         }
     }
 
-    /// Records a moved item. True if the block ended.
+    /// Records that an item was transferred. True if the block ended.
     pub fn moved(&mut self) -> bool {
         self.ndtr -= 1;
         if self.cr & MINC != 0 {

@@ -140,7 +140,7 @@ impl Accelerator {
         }
     }
 
-    /// Applies the settings of ACR.
+    /// Applies a write to the control register ACR.
     pub fn set(&mut self, acr: u32) {
         self.wait_states = u64::from(acr & 7);
         self.prefetch = acr & 1 << 8 != 0;
@@ -155,7 +155,7 @@ impl Accelerator {
         }
     }
 
-    /// Fetches from a line that the program enters.
+    /// Fetches the line that the program enters; advances `cycle` by the wait.
     #[inline]
     pub fn enter(&mut self, line: u32, cycle: &mut Cycles) {
         if line == self.current {

@@ -68,7 +68,7 @@ enum Operation {
     Erase { first: usize, last: usize },
 }
 
-/// Operation that the program has begun.
+/// Erase or programming that the program has begun, with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashOperation {
     /// Start time of the operation.
@@ -79,7 +79,7 @@ pub struct FlashOperation {
     pub erases: bool,
 }
 
-/// Progress of the unlock sequence.
+/// Progress of the two-key sequence that unlocks a register.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Keys {
     #[default]
@@ -89,7 +89,7 @@ enum Keys {
     Broken,
 }
 
-/// The flash and its interface.
+/// Flash memory with its registers and its accelerator.
 #[derive(Clone)]
 pub(crate) struct Flash {
     bytes: Vec<u8>,
@@ -208,7 +208,7 @@ impl Flash {
         self.finish(shared);
     }
 
-    /// Completes the operation.
+    /// Applies the operation in progress to the flash and clears its busy flag.
     fn finish(&mut self, shared: &mut Shared) {
         let Some(operation) = self.operation.take() else {
             return;
@@ -344,7 +344,7 @@ impl Flash {
         self.begin(Operation::Erase { first, last }, takes, shared);
     }
 
-    /// Fetches from a line of 16 bytes that the program enters.
+    /// Fetches the line of 16 bytes that the program enters; waits for an operation in progress.
     #[inline]
     pub fn enter_line(&mut self, address: u32, cycle: &mut Cycles, shared: &mut Shared) {
         if let Some(at) = layout::main(address) {

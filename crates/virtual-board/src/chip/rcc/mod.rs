@@ -99,7 +99,6 @@ pub(crate) struct Kept {
     backup: u32,
 }
 
-/// Reset and clock control.
 #[derive(Clone)]
 pub(crate) struct Rcc {
     /// Registers that only store the written value, by offset / 4.
@@ -304,7 +303,7 @@ impl Rcc {
         self.update(shared);
     }
 
-    /// Recomputes the frequencies.
+    /// Recomputes the clocks of core and buses; a clock above its limit is a finding.
     fn update(&mut self, shared: &mut Shared) {
         let system_hz = self.source_hz(self.system, shared);
         let clocks = tree::clocks(self.reg(8), system_hz);

@@ -8,11 +8,11 @@ pub(super) struct Pll {
     m: u64,
     n: u64,
     q: u64,
-    /// Input of the phase detector, Hz.
+    /// Frequency at the input of the phase detector, Hz.
     pub input_hz: u64,
-    /// Voltage-controlled oscillator, Hz.
+    /// Frequency of the voltage-controlled oscillator, Hz.
     pub oscillator_hz: u64,
-    /// Output for the core, Hz.
+    /// Frequency of the output for the core, Hz.
     pub core_hz: u64,
     /// Output for USB, random number generator and SDIO, Hz.
     pub usb_hz: u64,
@@ -35,7 +35,7 @@ impl Pll {
         }
     }
 
-    /// Violated limits (RM0090, 7.3.2; data sheet, table of the main PLL).
+    /// Texts of the limits that the PLL violates (RM0090, 7.3.2; data sheet, table of the main PLL).
     pub fn violations(&self) -> Vec<String> {
         let Self { m, n, q, .. } = self;
         let Self {
@@ -98,7 +98,7 @@ pub(super) fn clocks(cfgr: u32, system_hz: u64) -> Clocks {
     }
 }
 
-/// Clocks above their limit (data sheet, general operating conditions).
+/// Texts for clocks above their limits (data sheet, general operating conditions).
 pub(super) fn too_fast(clocks: &Clocks, system_hz: u64) -> Vec<String> {
     [
         ("SYSCLK", system_hz, 168_000_000),

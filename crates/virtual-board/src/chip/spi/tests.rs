@@ -94,7 +94,7 @@ fn unread_word_is_an_overrun() {
     assert_eq!(bench.read(SR), TXE | RXNE | OVR);
     assert_ne!(bench.shared.lines, 0);
     assert_eq!(bench.shared.kinds(), [FindingKind::Lost]);
-    // The first word stays; reading DR and then SR clears the flag.
+    // The unread first word stays in DR. Reading DR and then SR clears OVR.
     assert_eq!(bench.read(DR), 0xfe);
     assert_eq!(bench.read(SR), TXE | OVR);
     assert_eq!(bench.read(SR), TXE);

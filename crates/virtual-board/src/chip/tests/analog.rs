@@ -63,7 +63,7 @@ impl ChipBench {
         self.chip.lines() >> interrupt as u32 & 1 != 0
     }
 
-    /// Changes of a pin's drive from cycle `since` on; their cycles are relative to `since`.
+    /// Changes of a pin's drive at cycle `since` or later; the cycles returned count from `since`.
     fn drives(&mut self, of: Pin, since: Cycles) -> Vec<(Cycles, Drive)> {
         let changes = self.circuit().drives.iter();
         let of_pin = changes.filter(|(_, pin, _)| *pin == of);

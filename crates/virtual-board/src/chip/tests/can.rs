@@ -27,7 +27,7 @@ fn sender(pins: bool) -> ChipBench {
     bench
 }
 
-/// Frames of the chip that another node received.
+/// Runs the chip and a second node for `micros` µs; returns the frames that the chip sent without error.
 fn run(bench: &mut ChipBench, micros: u64) -> Vec<Frame> {
     let mut other = VirtualNode::new(Settings::new(BitTiming::megabit()));
     let mut wire = Wire::new(2, Time::from_micros(20), 1);

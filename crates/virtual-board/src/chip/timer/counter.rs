@@ -84,7 +84,7 @@ impl Counter {
         self.step = self.clock * (u64::from(prescaler) + 1);
     }
 
-    /// First edge of the timer's clock at `now` or later.
+    /// First edge of the timer's clock that is not before `now`.
     pub fn edge(&self, now: Cycles) -> Cycles {
         now.div_ceil(self.clock) * self.clock
     }
@@ -142,7 +142,7 @@ impl Counter {
         }
     }
 
-    /// Changes reload value, direction or alignment.
+    /// Applies `change` to reload value, direction or alignment; a running counter then continues.
     pub fn adapt(&mut self, now: Cycles, change: impl FnOnce(&mut Self)) {
         let runs = self.leg.is_some();
         self.stop(now);
@@ -219,8 +219,8 @@ impl Counter {
         (steps < leg.length).then(|| leg.start + steps * self.step)
     }
 
-    /// Skips whole groups of `legs` counts from one turn or restart to the next that have ended by `now`. The present
-    /// count must have begun at 0 or at the reload value.
+    /// Skips whole groups of `legs` legs that have ended by `now`; a leg leads from one turn or restart to the next.
+    /// The present leg must have begun at 0 or at the reload value.
     pub fn skip(&mut self, legs: u64, now: Cycles) {
         if let Some(leg) = &mut self.leg {
             let length = u64::from(self.reload) + u64::from(!self.centred);
@@ -281,7 +281,7 @@ mod tests {
         (counter.reload, counter.centred) = (7, true);
         counter.start(0);
         counter.skip(4, 1000);
-        // The first 980 cycles are skipped: 35 groups of four counts of 7 cycles.
+        // The first 980 cycles are skipped: 35 groups of four legs of 7 cycles.
         assert_eq!((counter.end(), counter.value(983)), (Some(987), 3));
     }
 }

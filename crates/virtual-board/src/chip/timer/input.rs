@@ -39,13 +39,13 @@ impl Filter {
         Self { unit, samples }
     }
 
-    /// Cycle of the first sample at `now` or later.
+    /// Cycle of the filter's first sample that is not before `now`.
     fn sample(&self, now: Cycles) -> Cycles {
         now.div_ceil(self.unit) * self.unit
     }
 }
 
-/// An input with its filter.
+/// Input of a timer with its digital filter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Input {
     /// Level at the pin.
@@ -87,7 +87,7 @@ impl Input {
         false
     }
 
-    /// Ends the filter time; true if the level behind the filter changes.
+    /// Ends the filter time: the filtered level follows the pin. True if it changes.
     pub fn pass(&mut self) -> bool {
         self.due = None;
         let changes = self.level != self.raw;

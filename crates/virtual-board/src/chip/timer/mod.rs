@@ -159,7 +159,7 @@ impl Timer {
         self.reg(CCER) >> (4 * k) & 3
     }
 
-    /// True if the outputs are enabled as a whole.
+    /// True if the outputs are enabled: always, except on TIM1 without MOE or while frozen.
     fn main_enabled(&self) -> bool {
         self.id != TimerId::Tim1 || self.reg(BDTR) & MOE != 0 && !self.frozen
     }
@@ -169,7 +169,7 @@ impl Timer {
         self.counter.clock() << (self.reg(CR1) >> 8 & 3).min(2)
     }
 
-    /// Applies everything that has happened up to now.
+    /// Brings the timer to the present cycle: applies matches, turns and restarts, then a changed clock.
     fn sync(&mut self, shared: &mut Shared) {
         self.catch_up(shared);
         let clock = self.id.clock(&shared.clocks);
@@ -377,7 +377,7 @@ impl Timer {
         }
     }
 
-    /// Updates the interrupt lines.
+    /// Sets the timer's interrupt lines from its enabled flags.
     fn line(&self, shared: &mut Shared) {
         let active = self.reg(SR) & self.reg(DIER);
         for &(interrupt, flags) in self.id.lines() {
@@ -400,7 +400,7 @@ impl Timer {
         self.line(shared);
     }
 
-    /// Applies a change of MOE.
+    /// Applies a change of MOE to the outputs.
     fn main_changed(&mut self, shared: &mut Shared) {
         for k in 0..4 {
             self.drive(k, shared);
@@ -427,7 +427,7 @@ impl Timer {
         };
     }
 
-    /// Schedules the next event.
+    /// Schedules the timer's next event.
     fn plan(&mut self, shared: &mut Shared) {
         let mut next = NEVER;
         if self.needs.update

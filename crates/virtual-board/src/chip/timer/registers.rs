@@ -59,7 +59,7 @@ impl TimerId {
     }
 }
 
-// Offsets.
+// Offsets of the timer's registers.
 pub(super) const CR1: u32 = 0x00;
 pub(super) const CR2: u32 = 0x04;
 pub(super) const SMCR: u32 = 0x08;

@@ -34,7 +34,7 @@ impl TimerBench {
             .extend(self.shared.effects.drain(..).map(|effect| (now, effect)));
     }
 
-    /// Advances to `end`, inclusive.
+    /// Handles the timer's events up to and including cycle `end`.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         let source = self.timer.id.unit();
         while self.shared.arrive(source, end) {

@@ -78,7 +78,7 @@ impl Timer {
             let text = "CMS: alignment changed while the counter is enabled";
             self.note(finding::FindingKind::Forbidden, text, shared);
         }
-        // In centre-aligned and encoder modes the counter sets its direction.
+        // In centre-aligned and encoder modes the counter, not the program, sets the direction.
         let own = self.is_encoder() || self.counter.centred && centred;
         let up = if own {
             self.counter.up

@@ -47,7 +47,7 @@ fn compare_exact(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
     order(flushed(x, a), flushed(y, b))
 }
 
-/// Rounding mode of the status register.
+/// Rounding mode selected in the status register.
 pub(in crate::core) const fn mode(status: u32) -> u32 {
     status >> 22 & 3
 }
@@ -62,7 +62,7 @@ pub struct Fixed {
     pub fraction: u32,
     /// Total number of bits.
     pub bits: u32,
-    /// True if there are no negative numbers.
+    /// True if the format has no negative numbers.
     pub unsigned: bool,
 }
 

@@ -17,7 +17,7 @@ use crate::time::Cycles;
 const CODE: u32 = 0x0800_0400;
 /// Address at which the handler of exception 0 would be; each handler has 64 bytes.
 const HANDLERS: u32 = 0x0800_1000;
-/// End of the stack.
+/// Initial stack pointer, the end of the stack's memory.
 const STACK: u32 = 0x2000_2000;
 /// Address at which handlers and programs store words.
 const LOG: u32 = 0x2000_0000;
@@ -210,7 +210,7 @@ impl Machine {
         }
     }
 
-    /// Continues after the present breakpoint.
+    /// Continues from the present breakpoint to the next; returns the active exception.
     fn go_on(&mut self) -> u16 {
         let pc = self.core.pc();
         self.core.set_register(15, pc + 2);
@@ -221,14 +221,14 @@ impl Machine {
         self.core.register(number)
     }
 
-    /// Value of a private register, read as the program would.
+    /// Value of a register of the private peripherals, read as the program would.
     fn private(&mut self, address: u32) -> u32 {
         let at = Transfer::word(address, self.core.pc());
         let value = self.core.load(&mut self.chip, at);
         value.unwrap_or(0xdead_beef)
     }
 
-    /// Writes a private register.
+    /// Writes a register of the private peripherals.
     fn set_private(&mut self, address: u32, value: u32) {
         let at = Transfer::word(address, self.core.pc());
         let done = self.core.store(&mut self.chip, at, value);

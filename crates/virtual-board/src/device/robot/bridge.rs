@@ -30,7 +30,7 @@ characteristics! {
     }
 }
 
-/// Faults of a bridge.
+/// Fault of a bridge or its amplifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BridgeFault {
     /// No fault.
@@ -58,11 +58,11 @@ pub struct Bridge {
     tau_s: f64,
     supply_v: f64,
     excitation_v: f64,
-    /// Strain and its slope at the time `since`.
+    /// Strain at the time `since`, and its rate of change, 1/s.
     since: Time,
     strain: f64,
     strain_slope: f64,
-    /// Amplifier output before the low-pass filter, V, and its slope, V/s.
+    /// Amplifier output before the low-pass filter, V, and its rate of change, V/s.
     input_v: f64,
     slope_v_s: f64,
     /// Output of the low-pass filter, V, at the time `now`.

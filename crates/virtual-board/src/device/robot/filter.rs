@@ -58,7 +58,7 @@ impl LowPass {
         memory
     }
 
-    /// Filters one sample.
+    /// Filters one sample of the channel with this memory.
     pub fn step(&self, memory: &mut Memory, input: f64) -> f64 {
         let mut x = input;
         for (m, s) in memory.iter_mut().zip(&self.sections) {

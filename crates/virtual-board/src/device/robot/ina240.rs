@@ -40,7 +40,7 @@ characteristics! {
     }
 }
 
-/// Faults of an amplifier.
+/// Fault of a shunt or its amplifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AmplifierFault {
     /// No fault.
@@ -52,7 +52,7 @@ pub enum AmplifierFault {
     Stuck(f64),
 }
 
-/// Shunt and amplifier.
+/// Shunt and amplifier, with a fault and a noise generator.
 #[derive(Clone, Debug)]
 pub struct Amplifier {
     config: AmplifierConfig,

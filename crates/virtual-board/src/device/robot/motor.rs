@@ -37,7 +37,7 @@ impl Work {
         self.mean(self.charge_as)
     }
 
-    /// Mean current out of the supply, A.
+    /// Mean current delivered by the supply over the interval, A.
     pub fn mean_supplied_a(&self) -> f64 {
         self.mean(self.supplied_as)
     }
@@ -148,7 +148,7 @@ impl Motor {
         tau * libm::log(from / to)
     }
 
-    /// Advances by an interval with this source.
+    /// Advances the motor by an interval with this source at its terminals.
     pub(super) fn advance(&mut self, source: Source, span_s: f64) {
         self.work.span_s += span_s;
         if self.open {
@@ -168,7 +168,7 @@ impl Motor {
         self.slope_a_s = -first * left / tau;
     }
 
-    /// Advances by an interval without current.
+    /// Advances the motor by an interval without current.
     pub(super) fn idle(&mut self, span_s: f64) {
         self.work.span_s += span_s;
         (self.current_a, self.slope_a_s) = (0.0, 0.0);
@@ -182,7 +182,7 @@ impl Motor {
 /// 1 − e^(−x) without cancellation; by its series for small x, the usual case between two edges.
 fn rise(x: f64) -> f64 {
     if x < 0.04 {
-        // The next term is below 10⁻¹² of the first.
+        // The next term of the series is below 10⁻¹² of its first term.
         x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))))
     } else {
         -libm::expm1(-x)

@@ -17,7 +17,7 @@ characteristics! {
 }
 
 impl Thermistor {
-    /// Resistance at a temperature, Ω.
+    /// Resistance of the thermistor at a temperature, Ω.
     pub fn resistance(&self, celsius: f64) -> f64 {
         if self.open {
             return f64::INFINITY;
@@ -26,7 +26,7 @@ impl Thermistor {
         self.resistance_25_ohm * libm::exp(self.b_k * inverse)
     }
 
-    /// Voltage at the pin, V.
+    /// Voltage at the pin at a temperature, V.
     pub fn voltage(&self, celsius: f64, supply_v: f64) -> f64 {
         // In this form an infinite resistance gives the supply voltage.
         supply_v / (1.0 + self.pull_up_ohm / self.resistance(celsius))

@@ -24,7 +24,7 @@ const PASSIVE: u16 = 128;
 /// Transmit counter value from which a controller is in bus-off.
 const OFF: u16 = 256;
 
-/// A mailbox waiting for transmission.
+/// Mailbox waiting for transmission, with its frame.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     mailbox: u8,
@@ -48,7 +48,7 @@ enum State {
     Frame,
     /// Sends an error or overload flag: number of bits so far.
     Flag(u8),
-    /// Waits for the end of the other nodes' flags. Number of dominant bits so far; after 8 it restarts at 1.
+    /// Waits for the end of the other nodes' flags. Number of dominant bits so far; the number restarts at 1 after 8.
     Await(u8),
     /// Number of recessive bits of a delimiter so far.
     Delimiter(u8),
@@ -422,7 +422,7 @@ impl Controller {
         self.rest();
     }
 
-    /// Begins the intermission.
+    /// Begins the intermission after a frame or a delimiter.
     fn rest(&mut self) {
         self.state = State::Intermission(0);
         if self.leaving {

@@ -25,7 +25,7 @@ use crate::time::Time;
 pub use config::DriverConfig;
 use std::collections::VecDeque;
 
-/// A half bridge.
+/// Half bridge of the driver, by its output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// Half bridge of the output OUT1.
@@ -34,7 +34,7 @@ pub enum Half {
     Two,
 }
 
-/// State of a half bridge.
+/// Transistor of a half bridge that conducts: none, the lower or the upper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Gate {
     Off,
@@ -91,7 +91,7 @@ enum Power {
     FallingAsleep(Time),
 }
 
-/// Driver and motor.
+/// DRV8874 with its motor.
 #[derive(Clone, Debug)]
 pub struct Drv8874 {
     config: DriverConfig,
@@ -110,11 +110,11 @@ pub struct Drv8874 {
     /// Start of the present over-current, and end of the shutdown after an over-current; `None` if there is none.
     over_since: Option<Time>,
     over_until: Option<Time>,
-    /// End of the off-time of the current regulation; `None` outside of an off-time.
+    /// End of the off-time of the current regulation, in which the bridge brakes; `None` outside of an off-time.
     braking: Option<Time>,
     /// Start of the present or latest pulse, in which the bridge drives the motor.
     driving_since: Time,
-    /// End of the latest pulse.
+    /// End of the latest pulse in which the bridge drove the motor.
     driven_until: Time,
     /// Interval in which nFAULT is forced low and the bridge off; `None` if never forced.
     forced: Option<(Time, Time)>,
@@ -217,7 +217,8 @@ impl Drv8874 {
         self.settle();
     }
 
-    /// Sets a transistor of a half bridge stuck on, the upper or the lower one; `None` clears the fault.
+    /// Sets a transistor of a half bridge stuck on: true for the upper transistor, false for the lower; `None` clears
+    /// the fault.
     pub fn set_stuck(&mut self, half: Half, upper: Option<bool>, at: Time) {
         self.advance(at);
         self.legs[half as usize].stuck = upper.map(|up| if up { Gate::High } else { Gate::Low });
@@ -241,7 +242,7 @@ impl Drv8874 {
         self.legs.iter().all(|leg| leg.gate(self.now) == Gate::Low)
     }
 
-    /// True while the bridge is operational.
+    /// True from the end of the wake-up until the driver has fallen asleep.
     pub fn is_awake(&self) -> bool {
         matches!(self.power, Power::Awake | Power::FallingAsleep(_))
     }
@@ -264,13 +265,13 @@ impl Drv8874 {
         self.edge
     }
 
-    /// Integrals of the motor's current since the latest call.
+    /// Integrals of the motor's current since the latest call, up to `at`.
     pub fn take_work(&mut self, at: Time) -> Work {
         self.advance(at);
         self.motor.take_work()
     }
 
-    /// The motor.
+    /// Motor at the driver's outputs.
     pub fn motor(&self) -> &Motor {
         &self.motor
     }
@@ -326,7 +327,7 @@ impl Drv8874 {
         }
     }
 
-    /// Source at the motor's terminals for a direction of its current.
+    /// Source at the motor's terminals while its current has the sign of `flow`.
     fn source(&self, flow: f64) -> Source {
         let (first, second) = (self.output(0, flow), self.output(1, -flow));
         let share = |leg, flow| f64::from(u8::from(self.is_at_supply(leg, flow)));
@@ -379,7 +380,7 @@ impl Drv8874 {
         self.now = to;
     }
 
-    /// Applies all changes due now and finds the time of the next one.
+    /// Applies all changes due now and finds the time of the next change.
     fn settle(&mut self) {
         self.take_inputs();
         self.take_power();

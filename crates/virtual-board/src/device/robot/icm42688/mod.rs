@@ -89,7 +89,7 @@ pub struct InertialFault {
     pub no_data_ready: bool,
 }
 
-/// State of an SPI transfer.
+/// Phase of an SPI transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transfer {
     Idle,
@@ -98,7 +98,7 @@ enum Transfer {
     Write(u8),
 }
 
-/// The sensor.
+/// ICM-42688-P with its signal paths and its SPI interface.
 #[derive(Clone, Debug)]
 pub struct Icm42688 {
     config: InertialConfig,
@@ -423,7 +423,7 @@ impl Icm42688 {
     }
 }
 
-/// Next address in a burst.
+/// Register address after `address` in a burst transfer.
 fn next_address(address: u8) -> u8 {
     (address + 1) & 0x7f
 }

@@ -8,7 +8,7 @@ use crate::time::Time;
 /// Lowest rate of the filter steps, Hz. At a lower output data rate, a sample is the result of several steps.
 const MIN_RATE_HZ: f64 = 8000.0;
 
-/// True values of three axes, with slopes.
+/// True values of a quantity on three axes at a time, with their rates of change per second.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Truth {
     pub at: Time,
@@ -16,7 +16,7 @@ pub(super) struct Truth {
     pub slope: [f64; 3],
 }
 
-/// Sensor errors of three axes.
+/// Errors of the sensor on three axes: noise, bias, scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Errors {
     /// White noise density, unit of the quantity per √Hz.
@@ -45,7 +45,7 @@ pub(super) struct Adaptive {
     pub stall: Time,
 }
 
-/// Fraction of the threshold below which the range changes back (assumed).
+/// Fraction of the threshold below which the range becomes narrow again (assumed).
 const HYSTERESIS: f64 = 0.9;
 
 #[derive(Clone, Debug)]
