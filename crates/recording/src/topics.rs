@@ -51,7 +51,7 @@ topics! {
     "/host/order", "commands": HostCommandEntry::SCHEMA;
 }
 
-/// Topics in the log of a robot, without and with a board.
+/// All topics in the log of `robot`, with the topics of each board.
 pub fn topics(robot: Topology) -> Vec<Topic> {
     let of_robot = OF_ROBOT.iter().map(|&(name, rate, schema)| Topic {
         name: name.to_owned(),

@@ -15,7 +15,7 @@ const BATCH: usize = 256;
 /// Largest number of batches in the queue to the writer thread.
 const WAITING: usize = 32;
 
-/// Item that the writer thread writes: event, true state or plan.
+/// Item that the writer thread writes: event, true state, or goal and path.
 pub(super) enum Note {
     /// Event of the recording.
     Line(Line),

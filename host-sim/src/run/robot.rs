@@ -22,7 +22,7 @@ const STOP_TIMEOUT_US: Micros = 5_000_000;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
-/// What logs and pictures show of the robot at the end of an epoch.
+/// Postures, frames and lead's output of the robot at the end of an epoch, for logs and pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     /// Time of the record, s.

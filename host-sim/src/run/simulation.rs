@@ -71,7 +71,7 @@ impl DrawnPlant {
     }
 }
 
-/// One robot with its plant and boards, in progress.
+/// Trial of one robot with plant and boards, in progress.
 pub struct Simulation {
     drawn: DrawnPlant,
     rig: Rig,

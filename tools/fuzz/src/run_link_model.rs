@@ -78,7 +78,7 @@ impl Commander {
     }
 }
 
-/// What the board remembers about one host.
+/// Requests and replies of one host, as the board stores them.
 #[derive(Default)]
 struct Port {
     hello_received: bool,

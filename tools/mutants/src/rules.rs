@@ -324,7 +324,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Visits an expression that is written or borrowed. Indices in the expression can change, the expression itself cannot.
+    /// Visits an expression that is written or borrowed. Its indices can change, the expression itself cannot.
     fn place(&mut self, expr: &Expr) {
         match expr {
             Expr::Field(field) => self.place(&field.base),

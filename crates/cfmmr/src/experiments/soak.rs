@@ -267,7 +267,7 @@ enum DrivePhase {
     Driving(u64),
 }
 
-/// Observer that sends goals and sums the errors of the estimates.
+/// Drive from goal to goal, with sums of the estimates' errors.
 struct Soak<'a> {
     ticks: u64,
     windows: u64,

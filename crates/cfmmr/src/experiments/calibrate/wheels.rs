@@ -53,7 +53,7 @@ impl Lap {
         self.last_posture = Some([x, y, phi]);
     }
 
-    /// Final odometric posture in bus coordinates: m, m, rad.
+    /// Odometric posture at the end of the run: m, m, rad.
     pub fn end(&self) -> [f64; 3] {
         self.last_posture.unwrap_or_default()
     }
@@ -109,7 +109,7 @@ impl Return {
     }
 }
 
-/// Relative errors of an axle's odometry due to wrong constants and creep.
+/// Errors of an axle's odometry: wheel ratio, turn and creep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OdometryErrors {
     /// Relative difference of true and configured radius: of the right wheel `ratio`, of the left wheel −`ratio`.

@@ -23,7 +23,7 @@ pub struct Directory {
     canonical: String,
 }
 
-/// Content of a block's file.
+/// State of a block's file, with the runs of a complete block.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Runs of the block.

@@ -21,7 +21,7 @@ pub struct Trial {
     pub outcome: Outcome,
     /// The midpoint's path, at 10 Hz.
     pub path: Vec<[f64; 2]>,
-    /// Record of every epoch; empty if the trial is not shown.
+    /// Record of every epoch; empty if the records are not kept.
     pub records: Vec<Record>,
 }
 
