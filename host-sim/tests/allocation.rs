@@ -9,7 +9,7 @@ use host_sim::targets::HostCommand;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// Number of allocations of this program.
+/// Number of allocations since the start of this program.
 static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 
 struct Counting;

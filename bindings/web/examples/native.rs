@@ -10,7 +10,7 @@ fn put(parts: &[&str]) {
     unsafe { std::slice::from_raw_parts_mut(from, all.len()) }.copy_from_slice(all.as_bytes());
 }
 
-/// Error of the latest run.
+/// Error text of the latest run; empty without an error.
 fn error() -> String {
     let length = web::message();
     let from = web::text(length);

@@ -21,7 +21,7 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Buffers between the caller and the simulation.
+/// Memory through which the caller passes text and reads hashes and errors.
 #[derive(Default)]
 struct Buffers {
     text: Vec<u8>,

@@ -32,5 +32,5 @@ pub mod dashboard;
 pub mod experiments;
 mod thinned;
 
-/// Name and version of the program, and a hash of its sources.
+/// Name and version of the program, with a hash of its sources.
 pub const BUILD: &str = env!("BUILD");

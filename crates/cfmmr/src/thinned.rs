@@ -1,4 +1,4 @@
-//! Series of values in bounded memory.
+//! Bounded memory for a long series of values.
 
 /// Evenly spaced values of a series, at most `max_len`, and the latest value. When a value too many is kept, every
 /// second value is dropped.
@@ -41,7 +41,7 @@ impl<T: Clone> Thinned<T> {
         self.count += 1;
     }
 
-    /// Kept values and the latest value, oldest first: at most `max_len` + 1 values.
+    /// The kept values, oldest first, and the latest value: at most `max_len` + 1 values.
     pub fn into_values(self) -> Vec<T> {
         self.kept.into_iter().chain(self.last).collect()
     }

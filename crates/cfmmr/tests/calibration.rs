@@ -17,14 +17,14 @@ use std::io::{Read, Write};
 use std::path::Path;
 use std::process::Stdio;
 
-/// Report of a calibration; the seed draws the robot.
+/// JSON report of `calibrate WHAT`; the seed draws the robot.
 fn calibrate(directory: &Path, what: &str, seed: u32, more: &str) -> Value {
     let arguments = format!("calibrate {what} --seed {seed} --json report.json {more}");
     succeed(directory, &arguments);
     json_file(directory, "report.json")
 }
 
-/// Errors before and after the calibration, of the parameters whose name contains `name`.
+/// True errors before and after the calibration, of each parameter whose name contains `name`.
 fn errors(report: &Value, name: &str) -> Vec<[f64; 2]> {
     let rows = report["parameters"].as_array().unwrap().iter();
     let named = rows.filter(|row| row["name"].as_str().unwrap().contains(name));

@@ -25,7 +25,7 @@ fn report() -> ConsistencyReport {
     measure(&workers, &scenario, SEEDS, &variants).unwrap()
 }
 
-/// NEES of both axles at the end of the runs.
+/// Mean NEES of front and rear axle at the end of the runs.
 fn axles(row: &ConsistencyRow) -> [f64; 2] {
     [row.end.front.nees, row.end.rear.nees]
 }

@@ -25,7 +25,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 use terminal::pseudo_terminal;
 
-/// Timeout of a test step.
+/// Timeout of each wait for output or for the end of the program.
 const TIMEOUT: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
@@ -105,7 +105,7 @@ impl Session {
         self.keyboard.write_all(key).unwrap();
     }
 
-    /// Waits for the end of the program and keeps its output.
+    /// Waits until the program ends and keeps its output.
     fn end(&mut self) -> ExitStatus {
         let deadline = Instant::now() + TIMEOUT;
         let status = loop {

@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// Reader of the cells of a CSV row by column name.
+/// Function from a column name to the cell in row `number` of a CSV file.
 fn row(folder: &Path, file: &str, number: usize) -> impl Fn(&str) -> String + use<> {
     let mut reader = csv::Reader::from_path(folder.join(file)).unwrap();
     let header = reader.headers().unwrap().clone();
@@ -20,7 +20,7 @@ fn row(folder: &Path, file: &str, number: usize) -> impl Fn(&str) -> String + us
     }
 }
 
-/// Data of the report page.
+/// Embedded JSON data of the report page.
 fn page(folder: &Path, file: &str) -> Value {
     let page = fs::read_to_string(folder.join(file)).unwrap();
     let (_, rest) = page.split_once("id=\"data\">").unwrap();

@@ -43,7 +43,7 @@ const ORDERS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Module path from the root of its crate.
+/// Names from the root of the crate to a module.
 type Module = Vec<String>;
 
 /// Paths from the root of the crate that a file names outside test modules.

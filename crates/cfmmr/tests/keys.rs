@@ -26,7 +26,7 @@ use toml::{Table, Value};
 /// Tick at which a fault begins if the line of its situation names no tick.
 const FAULT_TICK: &str = "4000";
 
-/// Task, fault with its tick, and changes of the default scenario.
+/// Task, injected fault with its tick, and changes of the default scenario.
 struct Situation {
     task: Task,
     fault: Option<(Fault, u32)>,
@@ -375,7 +375,7 @@ enum KeyEffect {
 /// Function from a scenario to scenarios that differ in one key.
 type Change = Box<dyn Fn(&Scenario) -> Vec<Scenario> + Send + Sync>;
 
-/// Situation with its scenario and its unchanged run.
+/// Situation, its scenario, and the hashes of its unchanged run.
 type Baseline = (Situation, Scenario, Vec<u64>);
 
 /// Keys without an effect in any situation and under any known fault, with the test that covers each.

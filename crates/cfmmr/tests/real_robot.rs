@@ -165,7 +165,7 @@ impl RobotBench {
         self.command(folder, arguments).output().unwrap().into()
     }
 
-    /// The robot after the run.
+    /// Stops the bench and returns its robot 1500 ticks later.
     fn robot(mut self) -> VirtualRobot {
         let mut robot = self.stop().unwrap().unwrap();
         for _ in 0..1500 {

@@ -10,10 +10,10 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::world::faults::Fault;
 
-/// Time of the failures, ms, in the middle of the drive.
+/// Time at which boards and sensors fail, ms, in the middle of the drive.
 const AT: u32 = 3000;
 
-/// Mission with all its records.
+/// Outcome and records of a drive with an injected fault.
 struct Run {
     outcome: Outcome,
     records: Vec<Record>,
@@ -49,21 +49,21 @@ impl Run {
         Self::new(scenario, Fault::Loss(Role::beam(0)), AT)
     }
 
-    /// First change of a node to a state.
+    /// First heartbeat with which `node` reports `state`; panics without such a heartbeat.
     fn change(&self, node: Node, state: OperatingState) -> Status {
         let mut changes = self.simulation.monitor().changes().iter();
         let found = changes.find(|change| change.node == node && change.state == state);
         *found.unwrap_or_else(|| panic!("{node:?} was never {state:?}"))
     }
 
-    /// Largest true steering angle |ψ| from a time on, rad.
+    /// Largest true steering angle |ψ| after `time_s`, rad.
     fn steering_from(&self, time_s: f64) -> f64 {
         let late = self.records.iter().filter(|record| record.time_s >= time_s);
         late.map(|record| 0.5 * record.frames[0].relative[2].abs())
             .fold(0.0, f64::max)
     }
 
-    /// Path length of the true midpoint from a time on, m.
+    /// Length of the true midpoint's path after `time_s`, m.
     fn distance_from(&self, time_s: f64) -> f64 {
         let pairs = self.records.windows(2);
         let late = pairs.filter(|pair| pair[0].time_s >= time_s);
@@ -74,7 +74,7 @@ impl Run {
         .sum()
     }
 
-    /// Checks a controlled stop: no further bending, motors off, at rest.
+    /// Checks that the robot stopped after the time `since`, s: no further bending, motors off, at rest.
     fn assert_stopped(&self, since: f64) {
         let before = self.records.iter().rfind(|record| record.time_s <= since);
         let steering = 0.5 * before.unwrap().frames[0].relative[2].abs();

@@ -5,7 +5,7 @@ use core_algos::params::{Contents, Settings, TABLE, find};
 use core_algos::topology::Role;
 use recording::log::read;
 
-/// A robot at rest for 130 ms, recorded by version 0.1.
+/// Log of a robot at rest for 130 ms, recorded by version 0.1.
 const LOG: &[u8] = include_bytes!("data/log_0.1.mcap");
 /// Parameters of version 0.1: identifier, version, name, lowest and highest value.
 const PARAMETERS: &str = include_str!("data/parameters_0.1.txt");

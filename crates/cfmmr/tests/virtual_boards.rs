@@ -113,7 +113,7 @@ fn robot_drives_with_other_sensors_and_goals() {
     }
 }
 
-/// Robot with the logs of its boards.
+/// Robot on virtual boards, and the boards' logs.
 fn robot(scenario: &Scenario) -> (VirtualRobot, Vec<BoardLog>) {
     let images = Images::open(None, None).unwrap();
     let logs = BoardLog::quiet(Topology::PAIR);

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 use tempfile::{Builder, NamedTempFile};
 
-/// Failed operation on a file or directory.
+/// Error of an operation on a file or directory.
 #[derive(Debug)]
 pub struct OutputError {
     /// Failed operation, as text after "cannot".
@@ -134,7 +134,7 @@ impl OutputDir {
         self.bytes(name, json(value));
     }
 
-    /// Adds a table of numbers; see [`Self::bytes`].
+    /// Adds a CSV table; see [`Self::bytes`].
     pub fn csv(&mut self, name: &str, content: Csv) {
         self.bytes(name, content.into_bytes());
     }
@@ -227,7 +227,7 @@ pub fn try_file(path: &Path) -> Result<(), OutputError> {
     tried
 }
 
-/// Creates `path` and its missing parents; gives the created directories, innermost first.
+/// Creates the directory `path` and its missing parents; returns the created directories, innermost first.
 fn create_missing(path: &Path) -> Result<Vec<PathBuf>, OutputError> {
     let made: Vec<PathBuf> = path
         .ancestors()
@@ -242,7 +242,7 @@ fn create_missing(path: &Path) -> Result<Vec<PathBuf>, OutputError> {
     Ok(made)
 }
 
-/// Removes directories created by this process, if they are empty.
+/// Removes directories that this process has created, unless they contain files.
 fn remove_all(made: &[PathBuf]) {
     for directory in made {
         let _ = fs::remove_dir(directory);
@@ -270,7 +270,7 @@ pub fn json(value: &impl Serialize) -> String {
     text
 }
 
-/// One cell of a [`Csv`] row.
+/// Value in a row of a [`Csv`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
     /// Double-precision number of the simulation.
@@ -281,7 +281,7 @@ pub enum Cell {
     Integer(i64),
     /// A word.
     Text(String),
-    /// No value.
+    /// Empty cell.
     Empty,
 }
 
@@ -330,7 +330,7 @@ impl<T: Into<Cell>> From<Option<T>> for Cell {
 pub struct Csv(csv::Writer<Vec<u8>>);
 
 impl Csv {
-    /// A table without rows.
+    /// Table with a header and no rows.
     pub fn new<S: AsRef<str>>(header: impl IntoIterator<Item = S>) -> Self {
         let mut csv = Self(csv::Writer::from_writer(Vec::new()));
         csv.row(header.into_iter().map(|name| Cell::from(name.as_ref())));
@@ -349,7 +349,7 @@ impl Csv {
         written.expect("as many cells in a row as in the header");
     }
 
-    /// Header and rows as text.
+    /// Bytes of the CSV file, header included.
     pub fn into_bytes(self) -> Vec<u8> {
         self.0.into_inner().expect("rows in memory")
     }

@@ -3,12 +3,12 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal};
 
-/// A bar that counts finished pieces of work; threads share it by reference.
+/// Bar on standard error that counts finished pieces of work; threads share the bar by reference.
 #[derive(Debug)]
 pub struct Progress(ProgressBar);
 
 impl Progress {
-    /// A bar for `total` pieces of work, named `label`.
+    /// Bar for `total` pieces of work, named `label`; hidden without a terminal.
     pub fn new(total: usize, label: &'static str) -> Self {
         // One piece has no progress to show.
         let target = if total > 1 && io::stderr().is_terminal() {
@@ -24,7 +24,7 @@ impl Progress {
         Self(bar)
     }
 
-    /// Counts a finished piece.
+    /// Counts one finished piece of work.
     pub fn advance(&self) {
         self.0.inc(1);
     }

@@ -12,7 +12,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// A table without rows.
+    /// Table with a header and no rows.
     pub fn new<S: Into<String>>(header: impl IntoIterator<Item = S>) -> Self {
         Self {
             left: false,
@@ -21,13 +21,13 @@ impl Table {
         }
     }
 
-    /// The table with all columns aligned left, for words.
+    /// Aligns all columns left, for tables of words.
     #[must_use]
     pub fn left_aligned(self) -> Self {
         Self { left: true, ..self }
     }
 
-    /// The table with rows and columns exchanged, for few rows of many columns.
+    /// Exchanges rows and columns, for few rows with many columns.
     #[must_use]
     pub fn transposed(self) -> Self {
         let rows = [vec![self.header], self.rows].concat();
@@ -84,7 +84,7 @@ impl Table {
     }
 }
 
-/// Characters after which a name may be split.
+/// Characters after which a long word in a cell may be split.
 const PARTS: [char; 4] = [' ', '.', '_', '/'];
 
 /// Splits the text after each separator, but keeps numbers such as `18.50 ± 2.10`, `68 %` or `(62 to 74)` whole.
@@ -115,7 +115,7 @@ fn pieces<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
     pieces
 }
 
-/// Lines of a cell that is `width` characters wide.
+/// Lines of a cell's text in a column that is `width` characters wide.
 fn lines(cell: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     let fits = |word: &str| word.trim_end().chars().count() <= width;

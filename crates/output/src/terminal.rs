@@ -54,7 +54,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Text in which numbers of more than 40 digits are shortened.
+/// Shortens numbers of more than 40 digits in a text.
 fn short_numbers(text: &str) -> Cow<'_, str> {
     const MOST: usize = 40;
     const KEPT: usize = 8;
@@ -106,7 +106,7 @@ pub fn left_out(part: &str) -> Error {
     ))
 }
 
-/// Text with lines of at most the width of the terminal.
+/// Breaks a text into lines that fit the width of the terminal.
 pub fn wrapped(text: &str) -> String {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {

@@ -9,7 +9,7 @@ use host_sim::run::robot::Record;
 use host_sim::scenario::variant::Variant;
 use output::files::{Cell, Csv};
 
-/// Row of a table: values with the names of their columns.
+/// Row of a CSV table: cells with the names of their columns.
 #[derive(Debug, Default)]
 pub struct CsvRow<'a>(Vec<(&'a str, Cell)>);
 
@@ -53,7 +53,7 @@ impl<'a> CsvRow<'a> {
         self.0
     }
 
-    /// Makes a table of these rows.
+    /// CSV table of these rows; the header is from the first row.
     pub fn table(rows: impl IntoIterator<Item = Self>) -> Csv {
         let mut rows = rows.into_iter().peekable();
         let names = rows.peek().into_iter().flat_map(|Self(row)| row);
@@ -86,7 +86,7 @@ pub fn of_trial(
     row
 }
 
-/// Table of ends of runs, one per row.
+/// CSV table of runs' ends, one row per run.
 pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
     CsvRow::table(ends.into_iter().map(|end| {
         let mut row = CsvRow::default();
@@ -102,7 +102,7 @@ pub fn record_columns() -> Vec<String> {
     time.chain(record_names().into_iter().flatten()).collect()
 }
 
-/// Names of the fields of both topics; `None` for ticks and times.
+/// Names of the fields of `/truth` and `/lead`; `None` for ticks and times.
 fn record_names() -> Vec<Option<String>> {
     const TIMES: [&str; 3] = ["time_s", "tick", "epoch_s"];
     let names = |topic: &'static str, schema: &Schema| {
@@ -124,7 +124,7 @@ impl Default for RecordRows {
 }
 
 impl RecordRows {
-    /// Cells of a record.
+    /// Cells of the record's row.
     pub fn cells(&self, record: &Record) -> impl Iterator<Item = Cell> {
         let truth = TruthEntry::from(record).cells();
         let lead = LeadEntry::new(0, record.time_s, &record.lead).cells();
@@ -134,7 +134,7 @@ impl RecordRows {
     }
 }
 
-/// Table of records.
+/// CSV table of records, one row per record.
 pub fn of_records(records: &[Record]) -> Csv {
     let mut csv = Csv::new(record_columns());
     let rows = RecordRows::default();

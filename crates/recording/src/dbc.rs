@@ -4,7 +4,7 @@ use core_algos::bus::field::POSITION_SPAN_M;
 use core_algos::bus::layout::{BIT_RATE, OnBus, Signal, messages};
 use core_algos::topology::{Node, Topology};
 
-/// Bus description of all messages of a robot, as text.
+/// DBC description of all bus messages of a robot.
 pub fn description(robot: Topology) -> String {
     let mut text = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_:");
     for node in nodes(robot) {
@@ -109,7 +109,7 @@ pub fn plain(comment: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Lines of this text that begin with `keyword`.
+    /// Lines of the DBC text that begin with `keyword`.
     fn lines<'a>(text: &'a str, keyword: &'a str) -> impl Iterator<Item = &'a str> {
         text.lines().filter(move |line| line.starts_with(keyword))
     }

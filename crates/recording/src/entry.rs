@@ -21,7 +21,7 @@ use serde_json::Value;
 
 /// Name of the metadata record that describes the run.
 pub const ABOUT: &str = "cfmmr";
-/// Name of the metadata record with the end of the run.
+/// Name of the metadata record that describes the end of the run.
 pub const END: &str = "cfmmr.end";
 /// Version of the log's format; it changes with every change of a message.
 pub const FORMAT: &str = "3";
@@ -62,7 +62,7 @@ impl<'de> Deserialize<'de> for Exact {
     }
 }
 
-/// Bytes that a log holds in hexadecimal.
+/// Bytes that a log stores as hexadecimal digits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Hex(pub Vec<u8>);
 
@@ -73,7 +73,7 @@ impl Hex {
         Self(postcard::to_extend(value, Vec::new()).unwrap_or_default())
     }
 
-    /// Decodes the value; `None` if the bytes do not fit the type.
+    /// Decodes a value; `None` if the bytes do not fit the type `T`.
     pub fn value<T: DeserializeOwned>(&self) -> Option<T> {
         match postcard::take_from_bytes(&self.0) {
             Ok((value, [])) => Some(value),
@@ -84,7 +84,7 @@ impl Hex {
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// Two hexadecimal digits per byte.
+/// Text with two hexadecimal digits per byte.
 fn in_hex(bytes: &[u8]) -> String {
     let digits = |byte: &u8| [byte >> 4, byte & 15].map(|digit| DIGITS[usize::from(digit)]);
     let text: Vec<u8> = bytes.iter().flat_map(digits).collect();
@@ -160,7 +160,7 @@ impl<'de> Deserialize<'de> for Can {
     }
 }
 
-/// Cell of a number; NaN gives an empty cell.
+/// Table cell of a number; empty for NaN.
 fn number(value: f64) -> Cell {
     match value.is_nan() {
         true => Cell::Empty,
@@ -168,7 +168,7 @@ fn number(value: f64) -> Cell {
     }
 }
 
-/// Cell of a word, as written in the log.
+/// Table cell of a word, as the log writes the word.
 fn word(value: &impl Serialize) -> Cell {
     let value = serde_json::to_value(value).unwrap_or_default();
     Cell::Text(
@@ -336,7 +336,7 @@ impl From<Pose> for [f64; 3] {
     }
 }
 
-/// Estimated posture with its covariance.
+/// Posture that the lead node estimates, with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimated {
     /// Estimated posture.
@@ -414,7 +414,7 @@ pub struct LeadBits {
     pub bits: Hex,
 }
 
-/// Start of the epoch that contains a tick, ms.
+/// First tick of the epoch that contains `tick`, ms.
 pub fn epoch_of(tick: u32) -> u32 {
     const TICKS: u32 = (core_algos::time::EPOCH / core_algos::time::TICK) as u32;
     tick / TICKS * TICKS

@@ -56,7 +56,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tables::Tables;
 use writer::{Files, Note, Writer};
 
-/// Destinations of a recording.
+/// Files and address to which a run is recorded.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Destinations {
     /// Path of the MCAP file; `None` without a log.
@@ -76,7 +76,7 @@ impl Destinations {
         self.log.is_some() || self.csv.is_some() || self.live.is_some()
     }
 
-    /// Checks the paths before a long computation.
+    /// Checks before a long computation that the files can be written.
     pub fn check(&self) -> Result<(), Error> {
         log::check(self)?;
         if let Some(path) = &self.csv {
@@ -99,7 +99,7 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
     })
 }
 
-/// Description of a recorded run.
+/// Command, program, seed and scenario of a recorded run.
 #[derive(Clone, Debug)]
 pub struct About<'a> {
     /// Command line of the run.
@@ -108,27 +108,27 @@ pub struct About<'a> {
     pub build: &'a str,
     /// Seed of all random draws.
     pub seed: u64,
-    /// Number of the trial.
+    /// Number of the trial within the command.
     pub trial: u64,
     /// Scenario of the run.
     pub scenario: &'a Scenario,
 }
 
-/// Error for a log that could not be written.
+/// Error about a log that could not be written.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }
 
-/// Handle of a recording, shared by its clones. A separate thread writes the recording.
+/// Handle of a recording; clones share one recording. A separate thread writes the recording.
 #[derive(Clone)]
 pub struct Session {
     writer: Arc<Mutex<Writer>>,
-    /// Common time of the boards at the start of the run, µs; empty until it is known.
+    /// Common time of the boards at the start of the run, µs; empty until a board has reported the time.
     zero: Arc<OnceLock<i64>>,
 }
 
 impl Session {
-    /// Starts a recording, if a destination is given.
+    /// Starts a recording; `None` if no destination is given.
     pub fn begin(to: &Destinations, about: &About) -> Result<Option<Self>, Error> {
         if !to.any() {
             return Ok(None);
@@ -179,7 +179,7 @@ impl Session {
         }
     }
 
-    /// Ends the recording with the end of the run; returns the paths of the files.
+    /// Completes the files of the recording, with the end of the run; returns their paths.
     pub fn close(&self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         match self.writer().finish()? {
             Some(files) => files.close(end),
@@ -187,7 +187,7 @@ impl Session {
         }
     }
 
-    /// Common time of the boards at a tick of the run, ms.
+    /// Common time of the boards at a tick of the run (ms), ms.
     fn common(&self, tick: u32) -> u32 {
         let zero = self.zero.get().copied().unwrap_or_default();
         u32::try_from(i64::from(tick) + zero / 1000).unwrap_or_default()
@@ -288,9 +288,9 @@ enum Line {
     Lead(u32, Box<lead::Output>),
     /// Role of a board, and the build of the image that the board runs.
     Board(Role, String),
-    /// A tick of an axle board.
+    /// Inputs and outputs of an axle board at a tick.
     Axle(Role, AxleTick),
-    /// A tick of a beam board.
+    /// Inputs and outputs of a beam board at a tick.
     Beam(Role, BeamTick),
 }
 
@@ -350,7 +350,7 @@ impl HostCommandEntry {
     }
 }
 
-/// Description of a command in words.
+/// Text that describes a command of the host.
 fn in_words(command: &HostCommand) -> String {
     let list = |count: usize, what: &str, end: bool| {
         let end = if end { ", the last" } else { "" };

@@ -44,7 +44,7 @@ pub struct Field {
     pub text: &'static str,
 }
 
-/// Schema of a message.
+/// Name, description and fields of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Schema {
     /// Name of the schema. A message with a Foxglove schema is encoded as protobuf, a message of this project as JSON.
@@ -62,7 +62,7 @@ pub trait Logged {
     /// True if the field may be null.
     const OPTIONAL: bool = false;
 
-    /// Appends a cell for each of [`Kind::columns`].
+    /// Appends one table cell for each of [`Kind::columns`].
     fn cells(&self, to: &mut Vec<Cell>);
 }
 

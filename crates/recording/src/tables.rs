@@ -41,13 +41,13 @@ impl TableDestination {
     }
 }
 
-/// Names of columns: `own`, then the columns of a message of the log.
+/// Column names: `own`, then the columns of a message of the log.
 fn header(own: &[&str], schema: &Schema) -> Vec<String> {
     let own = own.iter().map(|name| (*name).to_owned());
     own.chain(schema.columns()).collect()
 }
 
-/// Tables of a run.
+/// CSV tables of a run, collected in memory.
 pub struct Tables {
     destination: TableDestination,
     robot: Topology,
@@ -73,7 +73,7 @@ impl Tables {
         })
     }
 
-    /// Adds the record of an epoch.
+    /// Adds the record of an epoch to the table of epochs.
     pub fn epoch(&mut self, record: &Record) {
         self.records.push(record.clone());
     }
@@ -82,7 +82,7 @@ impl Tables {
         matches!(self.destination, TableDestination::Folder(_))
     }
 
-    /// Adds an event of the recording.
+    /// Adds an event of the recording to the table of its kind.
     pub(super) fn note(&mut self, line: &Line) {
         match line {
             Line::Zero(zero) => self.zero = *zero,
@@ -105,7 +105,7 @@ impl Tables {
         }
     }
 
-    /// Time of the run at a tick of the boards.
+    /// Cell with the time of the run at a tick of the boards, s.
     fn seconds(&self, tick: u32) -> Cell {
         (f64::from(tick) * 1e-3 - self.zero as f64 * 1e-6).into()
     }
@@ -133,7 +133,7 @@ impl Tables {
         ]);
     }
 
-    /// Writes the tables of a run with its end; returns the paths.
+    /// Writes the tables and the end of the run; returns the paths of the files.
     pub fn write(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let epochs = csv::of_records(&self.records);
         match self.destination {

@@ -13,14 +13,14 @@ use host_sim::targets::{
     Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport, Traffic,
 };
 
-/// A board whose inputs and outputs are recorded.
+/// Board whose inputs and outputs are recorded.
 pub struct Tap {
     role: Role,
     target: Box<dyn Target>,
     session: Session,
     /// True if the wrapper encodes the messages of a board in this process.
     encoded: bool,
-    /// Tick whose reply is awaited, ms, and its samples.
+    /// Tick (ms) to which the board has not yet replied, and its samples.
     begun: Option<(u32, Samples)>,
     /// Next tick of the board, ms.
     next: u32,
@@ -51,7 +51,7 @@ impl Tap {
             .note(Line::Off(self.role, Off { tick, reason }));
     }
 
-    /// Records that the board did not reply to the latest tick.
+    /// Records that the board was lost at the latest tick, because it did not reply.
     fn record_failure(&mut self, fault: &Fault) {
         let reason = match fault {
             Fault::Restarted => "restarted without a command".to_owned(),
@@ -61,7 +61,7 @@ impl Tap {
         self.record_off(self.next.saturating_sub(1), reason);
     }
 
-    /// Records the reply to a tick.
+    /// Records samples, torques and frames of the tick to which the board replied.
     fn record_reply(&mut self, output: &Output) {
         let Some((tick, samples)) = self.begun.take() else {
             return;

@@ -6,7 +6,7 @@ use super::entry::{
 pub use super::schema::Schema;
 use core_algos::topology::{Role, Topology};
 
-/// A topic of a log.
+/// Name, schema and rate of a topic in a log.
 #[derive(Clone, Debug)]
 pub struct Topic {
     /// Name of the topic.
@@ -51,7 +51,7 @@ topics! {
     "/host/order", "commands": HostCommandEntry::SCHEMA;
 }
 
-/// All topics of the log of a robot.
+/// All topics in the log of `robot`, with the topics of each board.
 pub fn topics(robot: Topology) -> Vec<Topic> {
     let of_robot = OF_ROBOT.iter().map(|&(name, rate, schema)| Topic {
         name: name.to_owned(),
@@ -76,7 +76,7 @@ pub fn topics(robot: Topology) -> Vec<Topic> {
     of_robot.chain(of_boards).collect()
 }
 
-/// Name of a board's topic.
+/// Name of the topic `what` of a board.
 pub(crate) fn of_board(board: &str, what: &str) -> String {
     format!("/boards/{board}/{what}")
 }

@@ -10,12 +10,12 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Number of items of a recording per batch; each batch wakes the writer thread.
+/// Number of items in a batch; each batch wakes the writer thread.
 const BATCH: usize = 256;
-/// Number of batches that the queue holds.
+/// Largest number of batches in the queue to the writer thread.
 const WAITING: usize = 32;
 
-/// Item of a recording.
+/// Item that the writer thread writes: event, true state, or goal and path.
 pub(super) enum Note {
     /// Event of the recording.
     Line(Line),
@@ -25,7 +25,7 @@ pub(super) enum Note {
     Plan([f64; 3], Vec<[f64; 3]>),
 }
 
-/// Files of a recording.
+/// Files to which a recording is written.
 pub(super) struct Files {
     pub mcap: Option<Mcap>,
     pub tables: Option<Tables>,
@@ -109,7 +109,7 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    /// A writer to these files; `prompt` passes every epoch on at once.
+    /// Writer to these files; `prompt` passes every epoch on at once.
     pub fn new(files: Files, prompt: bool) -> Self {
         Self {
             state: WriterState::Inline(Box::new(files)),
@@ -119,7 +119,7 @@ impl Writer {
         }
     }
 
-    /// The files; `None` once the writer thread has them.
+    /// Files of the recording; `None` once the writer thread has the files.
     pub fn files(&mut self) -> Option<&mut Files> {
         match &mut self.state {
             WriterState::Inline(files) => Some(files),

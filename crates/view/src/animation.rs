@@ -25,11 +25,11 @@ const SPEED: f64 = 2.0;
 /// Time for which the picture shows the end of the runs, s.
 const HOLD_S: f64 = 3.0;
 
-/// A run shown in one panel.
+/// Records, goal and result of a run, shown in one panel.
 pub struct Run<'a> {
     /// Title of the panel: the run's configuration.
     pub title: String,
-    /// Result of the run, in words.
+    /// Text about the result of the run, below the title.
     pub result: String,
     /// Records of all epochs.
     pub records: &'a [Record],
@@ -39,7 +39,7 @@ pub struct Run<'a> {
     pub tolerance_m: f64,
 }
 
-/// Map from metres to the units of the picture.
+/// Transformation from metres in the plane to units of the picture.
 #[derive(Clone, Copy)]
 struct Map {
     origin: [f64; 2],
@@ -94,7 +94,7 @@ pub fn svg(body: &Body, runs: &[Run]) -> String {
     text + &legend() + "</svg>\n"
 }
 
-/// Legend of the panels, below them.
+/// SVG text of the legend below the panels.
 fn legend() -> String {
     let words = format!(
         "dashed: robot's estimate with its 95 % ellipse; green: goal and its position tolerance; {SPEED}× real time"
@@ -120,7 +120,7 @@ fn limits(runs: &[Run], [width, height]: [f64; 2]) -> ([f64; 2], f64) {
     ([0, 1].map(|axis| 0.5 * (low[axis] + high[axis])), scale)
 }
 
-/// Records that are drawn: one per [`STEP_S`], and the last.
+/// Records that are drawn: one record per [`STEP_S`], and the last record of the run.
 fn sampled(records: &[Record]) -> Vec<&Record> {
     let mut next = f64::NEG_INFINITY;
     let due = |record: &&Record| {
@@ -135,7 +135,7 @@ fn sampled(records: &[Record]) -> Vec<&Record> {
     kept
 }
 
-/// Time base of the picture.
+/// Number of animated values, from which the duration follows.
 #[derive(Clone, Copy)]
 struct Clock {
     /// Number of values of each animated attribute.
@@ -150,7 +150,7 @@ impl Clock {
         }
     }
 
-    /// Attributes of an animation: a value for each step, the last one held.
+    /// Attributes of an animation with a value for each step; the last value is held until the picture repeats.
     fn animate(&self, values: &[String]) -> String {
         let held = values.last().map_or("", String::as_str);
         let values = values.iter().map(String::as_str);
@@ -166,7 +166,7 @@ impl Clock {
     }
 }
 
-/// Data of one panel.
+/// Run, scale and time base with which a panel is drawn.
 struct Panel<'a> {
     body: &'a Body,
     run: &'a Run<'a>,
@@ -351,7 +351,7 @@ fn line(text: &mut String, points: &str, style: Stroke) {
     );
 }
 
-/// Attributes of a line.
+/// SVG attributes of a line with the given style.
 fn stroke(style: Stroke) -> String {
     let dash: Vec<String> = style.dash.pattern().iter().map(f64::to_string).collect();
     let dash = match dash.is_empty() {

@@ -27,7 +27,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Snapshot of a record.
+    /// Axles and frames of the robot at the time of a record.
     pub fn of(record: &Record) -> Self {
         let frame = |frame: &FrameRecord| frame.points.map(|p| p.map(f64::from)).to_vec();
         Self {
@@ -38,7 +38,7 @@ impl Snapshot {
     }
 }
 
-/// Paths of many trials of one configuration, one of them in full.
+/// Paths and final postures of trials with one configuration; one trial is shown in full.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathsPanel {
     /// Title of the panel: configuration, and trial shown in full.
@@ -73,7 +73,7 @@ pub struct MeasuredEnd {
 }
 
 impl MeasuredEnd {
-    /// Posture with the mean errors, in the coordinates of the goal, (cm, cm, rad).
+    /// Posture with the mean errors, in the coordinates of the goal: cm, cm, rad.
     fn mean_posture(&self) -> [f64; 3] {
         let [x, y] = position_cm(self.e_m[0], self.theta_rad[0]);
         [x, y, self.theta_rad[0] - self.alpha_rad[0]]
@@ -209,7 +209,7 @@ fn times(snapshots: &[Snapshot]) -> String {
     }
 }
 
-/// Draws wheels, axles, frames and an arrow at the front.
+/// Draws the robot of a snapshot: wheels, axles, frames, and an arrow at the front.
 fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     for &axle in snapshot.axles.iter().rev() {
         let ends = [body.half_track_m, -body.half_track_m].map(|y| ahead(axle, [0.0, y]));
@@ -244,7 +244,7 @@ fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
     ]
 }
 
-/// Posture errors of one configuration over time.
+/// Goal errors of one configuration over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorsColumn {
     /// Title of the column: configuration and trial.
@@ -253,7 +253,7 @@ pub struct ErrorsColumn {
     pub estimate: Vec<(f64, FinalError)>,
     /// Time, s, and true goal errors.
     pub truth: Vec<(f64, FinalError)>,
-    /// Final e (m), θ and α (rad) that the paper prints for its robot's own estimate; `None` if it prints none.
+    /// Final e (m), θ and α (rad) that the paper prints for the estimate of its robot; `None` without printed values.
     pub measured: Option<[f64; 3]>,
 }
 
@@ -287,7 +287,7 @@ const ERROR_AXES: [ErrorAxis; 3] = [
     },
 ];
 
-/// An angle in degrees; NaN within [`LEAST_DISTANCE_M`] of the goal.
+/// The angle `angle` in degrees; NaN within [`LEAST_DISTANCE_M`] of the goal.
 fn angle_far_away(error: &FinalError, angle: f64) -> f64 {
     match error.e_m < LEAST_DISTANCE_M {
         true => f64::NAN,
@@ -373,7 +373,7 @@ fn with_gaps(points: impl Iterator<Item = [f64; 2]>, gap: f64) -> Vec<[f64; 2]> 
     out
 }
 
-/// Run along a path or after a moving reference.
+/// Paths and errors of a run along a path or after a moving reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FollowRun {
     /// Reference path, m.
@@ -390,7 +390,7 @@ pub struct FollowRun {
     pub estimate: FollowErrors,
 }
 
-/// Path errors over time.
+/// Path errors of the true or of the estimated posture over time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FollowErrors {
     /// Time of each error, s.
@@ -437,7 +437,7 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
         .row(Height::Fixed(140.0), [heading])
 }
 
-/// One start posture of a map.
+/// Start posture in a map, with value and verdict of its run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartMark {
     /// Start posture of O.

@@ -32,7 +32,7 @@ const MOST_SAMPLES: usize = 3_000;
 /// Samples per second; fewer if the run would exceed [`MOST_SAMPLES`].
 const SAMPLES_PER_S: f64 = 50.0;
 
-/// A number rounded to this many decimal places.
+/// Number that is rounded to `PLACES` decimal places in JSON.
 #[derive(Clone, Copy, Debug)]
 struct Rounded<const PLACES: i32>(f64);
 
@@ -49,17 +49,17 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     }
 }
 
-/// Positions rounded to 10 µm, angles to 10 µrad.
+/// Position rounded to 10 µm, or angle rounded to 10 µrad.
 type Coordinate = Rounded<5>;
 
 fn coordinates<const N: usize>(values: [f64; N]) -> [Coordinate; N] {
     values.map(Rounded)
 }
 
-/// Errors of a midpoint: distance (m) and heading (rad).
+/// Errors of a midpoint relative to goal or reference: distance (m) and heading (rad).
 pub type MidpointError = [f64; 2];
 
-/// A run on the page.
+/// Data of a run on the report page.
 pub struct Run<'a> {
     /// Title of the page.
     pub title: String,
@@ -103,7 +103,7 @@ fn posture(p: Posture) -> [f64; 3] {
 }
 
 impl Run<'_> {
-    /// Indices of the shown epochs.
+    /// Indices of the records that the page shows.
     fn shown(&self) -> impl Iterator<Item = usize> + use<> {
         let count = self.records.len();
         let time = |record: &&Record| record.time_s;
@@ -288,7 +288,7 @@ fn phase(record: &Record) -> String {
     }
 }
 
-/// Adds the page of these runs, which first shows the last run.
+/// Adds the report page with these runs to the files; the page first shows the last of `runs`.
 pub fn add(files: &mut OutputDir, subtitle: &str, body: &Body, runs: &[Run]) {
     files.text(FILE, page(subtitle, body, runs));
 }

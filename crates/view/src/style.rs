@@ -5,12 +5,12 @@
 
 use host_sim::run::end::Verdict;
 
-/// A colour.
+/// Colour: red, green, blue, 0 to 255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rgb(pub u8, pub u8, pub u8);
 
 impl Rgb {
-    /// The colour mixed with white: `by` = 0 is unchanged, 1 is white.
+    /// Mixture of the colour with white: `by` = 0 gives the colour, 1 gives white.
     pub fn lighter(self, by: f64) -> Self {
         self.mixed(Self(255, 255, 255), by)
     }
@@ -185,15 +185,15 @@ pub const BAND: Appearance = appearance(
     Dash::Solid,
 );
 
-/// Appearance of values that the paper prints for its robot.
+/// Appearance of values that the paper prints.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Appearance of each kind of object.
+/// Appearances of all kinds of objects.
 pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
-/// Appearance with the `color`-th colour and the `dash`-th pattern.
+/// Appearance with colour number `color` and dash pattern number `dash`.
 pub const fn series_by(color: usize, dash: usize) -> Appearance {
     let colors = SERIES[color % SERIES.len()];
     appearance("series", colors, 1.8, DASHES[dash % DASHES.len()])
@@ -204,14 +204,14 @@ pub const fn series(n: usize) -> Appearance {
     series_by(n, n)
 }
 
-/// Colour of text and of lines that represent all series.
+/// Colour of text, and of lines that belong to no single series.
 pub const INK: Rgb = BLACK;
 /// Mark of a value that the paper prints.
 pub const PAPER_MARK: Mark = Mark::new(Shape::Ring, 5.0, PAPER.stroke.color);
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
 
-/// Line of a run with this verdict.
+/// Style of a line for a run with this verdict.
 pub const fn stroke_of(verdict: Verdict) -> Stroke {
     match verdict {
         Verdict::Within => TRUTH.stroke,
@@ -220,7 +220,7 @@ pub const fn stroke_of(verdict: Verdict) -> Stroke {
     }
 }
 
-/// Mark of a run with this verdict.
+/// Mark at the start or the end of a run with this verdict.
 pub const fn mark_of(verdict: Verdict, radius: f64) -> Mark {
     let color = stroke_of(verdict).color;
     match verdict {
@@ -247,7 +247,7 @@ pub fn color_scale(value: f64) -> Rgb {
     ANCHORS[index].mixed(ANCHORS[index + 1], place - index as f64)
 }
 
-/// Number of series that the report page has names for: `c0`, `c1`, …
+/// Number of series whose colours the report page defines as CSS variables: `c0`, `c1`, …
 const PAGE_SERIES: usize = 8;
 
 /// CSS variables of all appearances: colours for a light or a dark page, and dashes.

@@ -3,7 +3,7 @@
 use core_algos::config::ConfigError;
 use std::fmt;
 
-/// Failure of a command.
+/// Failure of a command, with the kind that selects the exit code.
 #[derive(Debug)]
 pub enum Error {
     /// Invalid user input; the text names the field, the value and the allowed range.
@@ -18,19 +18,19 @@ pub enum Error {
     Interrupted(String),
 }
 
-/// A refused value of a parameter.
+/// Refused value of a parameter, with the allowed values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
     /// Key of the parameter; several keys are joined by " or ".
     pub field: String,
-    /// Refused value.
+    /// Refused value as text.
     pub value: String,
     /// Allowed values in words.
     pub allowed: String,
 }
 
 impl Refusal {
-    /// Refusal of a check; `before` precedes the name of the field.
+    /// Refusal from a failed range check; `before` precedes the name of the field, for example `plant.`.
     pub fn of(before: &str, error: &ConfigError) -> Self {
         let text = error.to_string();
         let field = text.split(" = ").next().unwrap_or_default();
@@ -53,7 +53,7 @@ impl fmt::Display for Refusal {
 }
 
 impl Error {
-    /// Error of user input.
+    /// Error about user input; `text` names field, value and allowed range.
     pub fn input(text: impl Into<String>) -> Self {
         Self::Input(text.into())
     }
@@ -106,7 +106,7 @@ impl From<std::io::Error> for Error {
     }
 }
 
-/// Prefixes the key in an error with the name of its table.
+/// Result of a range check, with the name of the table before the key of a refused field.
 pub fn within(table: &str, checked: Result<(), ConfigError>) -> Result<(), Error> {
     checked.map_err(|error| Refusal::of(&format!("{table}."), &error).into())
 }

@@ -13,7 +13,7 @@ pub const MAX_DATA_BYTES: u64 = 256 << 20;
 /// Largest allowed size of a waypoint file, bytes.
 pub const MAX_WAYPOINTS_BYTES: u64 = 32 << 20;
 
-/// Content of a file of at most `limit` bytes.
+/// Bytes of a file; fails above `limit` bytes.
 pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
@@ -80,7 +80,7 @@ fn size_of(path: &Path) -> io::Result<u64> {
     }
 }
 
-/// Size as text, in bytes or MiB.
+/// File size as text, in bytes or MiB.
 fn shown(bytes: u64) -> String {
     const MIB: u64 = 1 << 20;
     match bytes {

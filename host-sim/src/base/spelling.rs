@@ -10,7 +10,7 @@ const MIN_SIMILARITY: f64 = 0.75;
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
 
-/// Text of an error after the path of an unknown key.
+/// Text after the path of an unknown key in errors.
 pub const UNKNOWN: &str = ": unknown key";
 
 /// Beginning of a suggestion in an error.
@@ -120,7 +120,7 @@ pub fn in_plain_words(text: &str) -> String {
     plain
 }
 
-/// Replaces Rust's name of a list at the end of an error by plain words and an example of this `form`.
+/// Replaces Rust's name of a list type at the end of an error by plain words, and appends `form` as an example.
 pub fn with_list(text: &str, form: Option<String>) -> String {
     let words = text.rsplit_once("expected ");
     let listed = words.and_then(|(before, name)| {

@@ -14,9 +14,9 @@ use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-/// Key of the tyre's table; it holds one table of [`LAWS`].
+/// Key of the tyre in the table `plant`; the tyre has exactly one of the tables [`LAWS`].
 const TYRE: &str = "tyre";
-/// Keys of the tables of the tyre laws.
+/// Tyre laws, each a table below [`TYRE`].
 const LAWS: [&str; 2] = ["creep", "brush"];
 /// Keys of version 0.1 in the table `plant`, each with its replacement.
 const RENAMED: [(&str, &str); 3] = [
@@ -24,9 +24,9 @@ const RENAMED: [(&str, &str); 3] = [
     ("slip_stiffness", "tyre.brush.slip_stiffness"),
     ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
 ];
-/// Largest allowed number of parts of a key on the command line, such as 3 in `a.b.c`.
+/// Largest number of names in a dotted key on the command line; `a.b.c` has 3.
 const DEPTH: usize = 16;
-/// Longest text in which the line of too deep nesting is searched, bytes.
+/// Longest text in which the line with too deep nesting is searched, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
 /// Text of a file and its name in errors; the text is empty without a file.
@@ -209,7 +209,7 @@ fn line(text: &str, path: &Path) -> Option<usize> {
 /// Length to which a line of an error is cut, characters.
 const LONGEST_LINE: usize = 400;
 
-/// Input error, with a suggestion for a misspelt key and long lines cut.
+/// Input error with the text of a TOML error: suggests a correctly spelt key and cuts long lines.
 fn shown(text: String) -> Error {
     let text = spelling::with_sibling(text);
     let lines = text.lines();
@@ -217,7 +217,7 @@ fn shown(text: String) -> Error {
     Error::input(cut.collect::<Vec<String>>().join("\n"))
 }
 
-/// Input error of TOML text, with the line.
+/// Input error from an error of the TOML parser; names file, line and key.
 pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
         return shown(format!("{name}: {error}"));

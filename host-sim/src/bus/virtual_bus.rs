@@ -35,7 +35,7 @@ table! {
     }
 }
 
-/// Counters of the bus.
+/// Numbers of messages on the bus since the start of the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BusStatistics {
     /// Number of messages sent.
@@ -139,7 +139,7 @@ impl VirtualBus {
         share > 0.0 && self.rng.random::<f64>() < share
     }
 
-    /// Sends a frame over a bus with additional latency, jitter, corruption or doubling.
+    /// Queues a frame with additional latency, jitter, corruption or doubling as configured.
     fn queue_disturbed(&mut self, mut transit: Transit, origin: Option<Role>) {
         // Messages within the sending board are undisturbed.
         let mut own = transit;
@@ -204,7 +204,7 @@ impl VirtualBus {
         self.transit.clear();
     }
 
-    /// Counters of the bus since the start.
+    /// Numbers of messages on the bus since the start of the run.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
     }

@@ -6,7 +6,7 @@ use core_algos::control::path::PathPoint;
 use core_algos::math::Posture;
 use std::f64::consts::TAU;
 
-/// One sample of a path.
+/// Point of a path: posture, arc length and curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Arc length, m.
@@ -83,7 +83,8 @@ fn arc(curve: &Curve, from: f64, to: f64) -> f64 {
 }
 
 impl Path {
-    /// Samples `curve` over the knots of its parameter; `curve` is smooth between knots.
+    /// Path along `curve`, sampled at equal steps of arc length; `curve` must be smooth between the values `knots` of
+    /// its parameter.
     pub(super) fn from_curve(
         curve: &Curve,
         knots: &[f64],
@@ -131,7 +132,7 @@ impl Path {
         })
     }
 
-    /// A built-in shape, without waypoints.
+    /// Path along a built-in shape, without waypoints.
     fn shape(curve: &Curve, knots: &[f64], closed: bool) -> Result<Self, PathError> {
         let mut path = Self::from_curve(curve, knots, closed)?;
         path.waypoints.clear();
@@ -204,7 +205,7 @@ impl Path {
         path
     }
 
-    /// Samples at equal steps; the last sample of a closed path repeats the first.
+    /// Points at equal steps of arc length; the last point of a closed path repeats the first point.
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }
@@ -227,7 +228,7 @@ impl Path {
             .fold(0.0, |most, at| at.kappa.abs().max(most))
     }
 
-    /// Samples in the robot's single precision.
+    /// Points of the path in the robot's single precision.
     pub fn points(&self) -> Vec<PathPoint> {
         self.samples.iter().map(|at| at.to_point()).collect()
     }
@@ -356,7 +357,7 @@ pub(super) fn cubic(u: f64, h: f64) -> [f64; 3] {
     ]
 }
 
-/// The angle wrapped to ±π, rad.
+/// Angle wrapped to ±π, rad.
 pub(super) fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }

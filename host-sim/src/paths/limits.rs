@@ -32,7 +32,7 @@ impl fmt::Display for PathPosition {
     }
 }
 
-/// Error of a path.
+/// Reason for refusing a path.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathError {
     /// A parameter of a shape outside its range.
@@ -160,7 +160,7 @@ impl fmt::Display for PathError {
 
 impl std::error::Error for PathError {}
 
-/// Limits of the frame.
+/// Limits of the frame on paths: length, steering and speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Flexible length of the frame (L), m.

@@ -68,7 +68,7 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
     Ok(waypoints)
 }
 
-/// Advice for a row with another separator than the comma.
+/// Advice in errors about a row that is not separated by commas.
 fn separator(row: &str) -> &'static str {
     let decimal_comma = row.contains(',');
     match row {
@@ -166,7 +166,7 @@ impl Path {
         Ok(path)
     }
 
-    /// A path through the waypoints of a CSV file, see [`waypoints`].
+    /// Path through the waypoints of a CSV file, whose format [`waypoints`] describes.
     pub fn from_csv(bytes: &[u8]) -> Result<Self, PathError> {
         Self::through(&waypoints(bytes)?)
     }
@@ -223,7 +223,7 @@ fn spline_moments(knots: &[f64], values: &[f64], closed: bool) -> Vec<f64> {
     moments
 }
 
-/// Solves a tridiagonal system; `lower[0]` and the last of `upper` are not read.
+/// Solves a tridiagonal system of equations; the first entry of `lower` and the last entry of `upper` are not read.
 fn tridiagonal(lower: &[f64], diagonal: &[f64], upper: &[f64], right: &[f64]) -> Vec<f64> {
     let n = diagonal.len();
     let mut ratio = vec![0.0; n];

@@ -3,7 +3,7 @@ use super::*;
 use core_algos::control::path::TrajectoryBuffer;
 use std::f64::consts::TAU;
 
-/// Distance (m) of a point from the path.
+/// Distance of a point from the polyline through the samples of a path, m.
 fn distance(path: &Path, x: f64, y: f64) -> f64 {
     path.samples
         .windows(2)

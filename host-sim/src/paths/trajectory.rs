@@ -8,7 +8,7 @@ use core_algos::control::path::TrajectoryPoint;
 /// Waiting time for the frame to bend before a trajectory starts, in addition to angle over steering rate, s.
 const BENDING_S: f64 = 0.8;
 
-/// Limits of the time law.
+/// Limits of speed, acceleration and steering along a trajectory, and its time steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeLimits {
     /// Largest allowed speed, m/s.
@@ -39,7 +39,7 @@ impl Default for TimeLimits {
     }
 }
 
-/// A point of a trajectory.
+/// Reference of trajectory tracking at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TimedSample {
     /// Time since the start of the trajectory, s.
@@ -52,7 +52,7 @@ pub struct TimedSample {
     pub sample: Sample,
 }
 
-/// A path with a time law, from rest to rest.
+/// Path with the time at which each point is due, from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     points: Vec<TimedSample>,
@@ -142,7 +142,7 @@ impl Trajectory {
         Ok(Self { points })
     }
 
-    /// Points at equal steps of time.
+    /// Points of the trajectory at equal time steps.
     pub fn points(&self) -> &[TimedSample] {
         &self.points
     }
@@ -184,7 +184,8 @@ impl Trajectory {
     }
 }
 
-/// Speed, distance and integral of distance at one time of a motion with piecewise constant acceleration.
+/// Speed (m/s), distance (m) and integral of distance (m s) at one time of a motion with piecewise constant
+/// acceleration.
 #[derive(Clone, Copy)]
 struct MotionState {
     v: f64,
@@ -193,7 +194,7 @@ struct MotionState {
 }
 
 struct TimeLaw {
-    /// Pieces of constant acceleration: time and state at the start of the piece, acceleration.
+    /// Pieces with constant acceleration: start time, motion state at the start, acceleration.
     pieces: Vec<(f64, MotionState, f64)>,
     end: (f64, MotionState),
 }

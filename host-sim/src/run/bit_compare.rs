@@ -8,7 +8,7 @@ use core_algos::topology::{Role, Topology};
 use serde_json::Value;
 use std::fmt;
 
-/// Ticks in an epoch.
+/// Number of ticks in an epoch.
 const EPOCH_TICKS: usize = (EPOCH / TICK) as usize;
 
 /// Torques of every tick, frames on the bus, and the lead node's output at the end of every epoch.
@@ -47,7 +47,7 @@ impl fmt::Display for Difference {
 }
 
 impl Trace {
-    /// A trace without ticks.
+    /// Empty trace of a robot with the boards of `topology`.
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
@@ -57,22 +57,22 @@ impl Trace {
         }
     }
 
-    /// Adds a frame sent at a tick.
+    /// Appends a frame that a board sent at `tick`, ms.
     pub fn frame(&mut self, tick: u32, frame: CanFrame) {
         self.frames.push((tick, frame));
     }
 
-    /// Adds the torques of the next tick, by axle and wheel.
+    /// Appends the torques of the next tick, N m: `[left, right]` for each axle.
     pub fn torque(&mut self, torque: impl IntoIterator<Item = [f32; 2]>) {
         self.torques.extend(torque);
     }
 
-    /// Adds the lead node's latest output at the end of the next epoch.
+    /// Appends the lead node's output at the end of the next epoch.
     pub fn lead(&mut self, output: &lead::Output) {
         self.leads.push(*output);
     }
 
-    /// Frames on the bus, in the order of sending.
+    /// Recorded frames of the bus, in the order of sending.
     pub fn frames(&self) -> impl Iterator<Item = &CanFrame> {
         self.frames.iter().map(|(_, frame)| frame)
     }
@@ -169,7 +169,7 @@ pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, St
     Some(found.unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}"))))
 }
 
-/// Bytes of an output; NaNs with different bits give different bytes.
+/// Bytes of the lead node's output for comparison; NaNs with different bits give different bytes.
 fn bits(output: &lead::Output) -> Vec<u8> {
     let mut buffer = [0; 1024];
     match postcard::to_slice(output, &mut buffer) {

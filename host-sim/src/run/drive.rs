@@ -8,21 +8,21 @@ use crate::targets::HostCommand;
 use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, Micros, TICK};
 
-/// Progress of a task.
+/// Progress of the task that [`drive`] carries out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// The task is in progress.
     Driving,
     /// The lead node reports the task as done; the run ends after the robot has rested.
     Done,
-    /// The task is carried out; the run ends at once.
+    /// The task without a goal is carried out; the run ends at once.
     Over,
 }
 
 /// Time after the start of a task from which a failure reported by the lead node belongs to that task, µs.
 const FAILURE_VALID_AFTER_US: Micros = 5 * EPOCH;
 
-/// Time at rest after which all notices of the end have arrived, µs.
+/// Time at rest after which all notices about the end of a task have arrived, µs.
 const NOTICE_DELAY_US: Micros = 10 * EPOCH;
 
 /// Task that the host gives and observes.
@@ -35,17 +35,18 @@ pub trait DriveTask<R: Robot> {
         Ok(())
     }
 
-    /// Progress after a tick, from the start of the task.
+    /// Progress after a tick; called from the start of the task.
     fn tick(&mut self, _robot: &R) -> Progress {
         Progress::Driving
     }
 
-    /// True if the run must end, even if the task is not done.
+    /// True if the run must end even though the task is not done.
     fn must_end(&self, robot: &R) -> bool {
         robot.must_end()
     }
 
-    /// Progress at the end of an epoch. `since` is the time since the lead node received the task, µs; `None` before.
+    /// Progress at the end of an epoch. `since` is the time since the lead node received the task, µs; `None` before
+    /// the lead node received the task.
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress;
 }
 

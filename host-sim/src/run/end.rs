@@ -44,7 +44,7 @@ pub enum EndKind {
 }
 
 impl EndKind {
-    /// Every kind.
+    /// All kinds, in the order of declaration.
     pub const ALL: [Self; 9] = [
         Self::Reached,
         Self::Uncertain,
@@ -93,7 +93,7 @@ impl EndKind {
     }
 }
 
-/// Cause of the end of the run loop.
+/// Event that ended the run loop.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cause {
     /// The lead node reported a task with a goal as done.
@@ -102,13 +102,13 @@ pub enum Cause {
     Done,
     /// The lead node failed, the robot cannot go on, or the time limit has passed.
     Unfinished,
-    /// The user ended the run; holds the command-line option that set its end, if any.
+    /// The user ended the run; holds the command-line option that limited the run, if any.
     Interrupted(Option<&'static str>),
     /// The robot does not answer, with the reason.
     NoAnswer(String),
 }
 
-/// End of a run or of a step.
+/// How and why a run or a step ended, with the final estimate.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunEnd {
     /// Kind of the end.
@@ -129,14 +129,14 @@ pub struct RunEnd {
     pub duration_s: f64,
 }
 
-/// A result that has an end.
+/// Outcome that contains a [`RunEnd`].
 pub trait Ended {
     /// End of the run or step.
     fn end(&self) -> RunEnd;
 }
 
 impl RunEnd {
-    /// End of a robot's task after `duration_s`.
+    /// End of a robot's task, caused by `cause`, `duration_s` seconds after the start of the task.
     pub fn of(robot: &impl Robot, cause: Cause, duration_s: f64) -> Self {
         let record = robot.record();
         let (lead, monitor) = (&record.lead, robot.monitor());
@@ -177,7 +177,7 @@ impl RunEnd {
         }
     }
 
-    /// Names and values of the fields as in JSON, words without quotes.
+    /// Names and values of the end's JSON fields, as text without quotes.
     pub fn fields(&self) -> Vec<(String, String)> {
         let fields = serde_json::to_value(self).unwrap_or_default();
         let fields = fields.as_object().into_iter().flatten();
@@ -210,7 +210,7 @@ impl RunEnd {
         code.map(|code| format!("{code:#04x}"))
     }
 
-    /// Names of the notices.
+    /// Names of the notices, without their codes.
     pub fn notice_names(&self) -> Vec<&'static str> {
         let names = self.notices.iter().map(|notice| notice.entry().name);
         names.collect()
@@ -221,7 +221,7 @@ impl RunEnd {
         format!("{}{}", self.kind.name(), self.causes())
     }
 
-    /// The condition of a stop and the sensors at fault, each after a comma.
+    /// Condition of a stop and sensors at fault as text; a comma precedes each name.
     fn causes(&self) -> String {
         let stop = self.condition.filter(|_| self.kind == EndKind::Stopped);
         let causes = stop.into_iter().chain(self.suspects());
@@ -238,7 +238,7 @@ impl RunEnd {
         ))
     }
 
-    /// The end in one line: kind, code, causes, time, 95 % error.
+    /// Text of the end in one line: kind, code, causes, time, 95 % error.
     pub fn text(&self) -> String {
         let code = self
             .code()
@@ -253,13 +253,13 @@ impl RunEnd {
         format!("{name}{user}{code}{causes} after {time:.1} s{error}")
     }
 
-    /// The notices in one line; `None` without notices.
+    /// Text of the notices in one line; `None` without notices.
     pub fn notices_text(&self) -> Option<String> {
         let names = self.notice_names();
         (!names.is_empty()).then(|| format!("notices: {}", names.join(", ")))
     }
 
-    /// Rows of a summary: end and notices.
+    /// Names and values in the summary of a report page: end, reason and notices.
     pub fn summary(&self) -> Vec<(String, String)> {
         let mut rows = vec![("End".to_owned(), self.text())];
         if let Some(reason) = &self.reason {
@@ -271,7 +271,7 @@ impl RunEnd {
         rows
     }
 
-    /// Warning of an uncertain end, with the remedy; `None` for another end.
+    /// Warning about an uncertain end, with the remedy; `None` if the end is not uncertain.
     pub fn warning(&self) -> Option<String> {
         let suspect = self.suspects().next();
         let remedy = suspect.or(self.condition)?.entry().remedy;
@@ -361,7 +361,7 @@ impl Serialize for RunEnd {
     }
 }
 
-/// Verdict on a final posture, for pictures.
+/// Colour class of a final posture in pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     /// Task carried out, within the tolerance of the goal.
@@ -376,7 +376,7 @@ impl Verdict {
     /// All verdicts.
     pub const ALL: [Self; 3] = [Self::Within, Self::Outside, Self::Failed];
 
-    /// Verdict on an end; `within` is true if the final posture is within the tolerance.
+    /// Verdict on a run that ended as `kind`; `within` is true if the final posture is within the tolerance.
     pub const fn of(kind: EndKind, within: bool) -> Self {
         match (kind.is_success(), within) {
             (true, true) => Self::Within,
@@ -398,17 +398,17 @@ impl Verdict {
     }
 }
 
-/// Number of runs by label, most frequent first.
+/// Number of runs with each label of [`RunEnd::label`], most frequent label first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ends(Vec<(String, u32)>);
 
 impl Ends {
-    /// Counts the ends of several runs.
+    /// Counts the labels of several runs' ends.
     pub fn of<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Self {
         Self::of_labels(ends.into_iter().map(RunEnd::label))
     }
 
-    /// Counts equal labels of ends.
+    /// Counts equal labels.
     pub fn of_labels(labels: impl IntoIterator<Item = String>) -> Self {
         let mut counts: Vec<(String, u32)> = Vec::new();
         for label in labels {
@@ -421,13 +421,13 @@ impl Ends {
         Self(counts)
     }
 
-    /// Number and label of each end.
+    /// Lines of number and label, for example `3 reached`.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         let counts = self.0.iter();
         counts.map(|(label, count)| format!("{count} {label}"))
     }
 
-    /// Numbers and labels of all ends in one line.
+    /// Number and label of all ends in one line.
     pub fn text(&self) -> String {
         self.lines().collect::<Vec<_>>().join("; ")
     }

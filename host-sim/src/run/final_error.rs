@@ -5,7 +5,7 @@ use serde::Serialize;
 /// Largest distance (m) and heading error (rad) at which campaigns count a run as near its goal: 3 cm and 3°.
 pub const NEAR: [f64; 2] = [0.03, 3.0 * std::f64::consts::PI / 180.0];
 
-/// True final errors of one trial.
+/// True final errors of a trial relative to the goal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FinalError {
     /// Distance of O from the goal, m.
@@ -19,7 +19,7 @@ pub struct FinalError {
 }
 
 impl FinalError {
-    /// The errors of a posture against a goal.
+    /// Errors of `posture` relative to `goal`.
     pub fn of(posture: [f64; 3], goal: [f64; 3]) -> Self {
         let (dx, dy) = (goal[0] - posture[0], goal[1] - posture[1]);
         let sight = libm::atan2(dy, dx);
@@ -37,7 +37,7 @@ impl FinalError {
     }
 }
 
-/// The angle wrapped to ±π, rad.
+/// Angle wrapped to ±π, rad.
 pub fn wrap(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()

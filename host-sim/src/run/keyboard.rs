@@ -62,7 +62,7 @@ impl Hand {
     }
 }
 
-/// State of the keys.
+/// Effects of the pressed keys on run, simulation and robot.
 #[derive(Clone, Copy, Debug)]
 struct Keys {
     ended: bool,
@@ -79,7 +79,7 @@ struct Keys {
     idled: bool,
 }
 
-/// Keys read by the dashboard and obeyed by the run; clones share their state.
+/// Keys that the dashboard reads and the run obeys; clones share one state.
 #[derive(Clone, Debug)]
 pub struct Keyboard(Arc<Mutex<Keys>>);
 
@@ -106,7 +106,7 @@ impl Default for Keyboard {
 }
 
 impl Keyboard {
-    /// Keys that drive a robot, with the largest speed (m/s) and curvature (1/m).
+    /// Keyboard that drives a robot, up to the given speed (m/s) and curvature (1/m).
     pub fn of_driver(limits: [f64; 2]) -> Self {
         let keyboard = Self::default();
         keyboard.keys().limits = Some(limits);
@@ -117,7 +117,7 @@ impl Keyboard {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Applies a pressed key.
+    /// Applies the action of a pressed key.
     pub fn press(&self, key: Key) {
         let mut keys = self.keys();
         (keys.pressed, keys.idled) = (Instant::now(), false);
@@ -187,7 +187,7 @@ impl Keyboard {
         keys.hand
     }
 
-    /// Notice that the robot stopped because no key was pressed; `None` if it did not stop for this reason.
+    /// Notice that the robot stopped because no key was pressed; `None` without such a stop.
     pub fn idle_stop(&self) -> Option<String> {
         let seconds = IDLE_TIMEOUT.as_secs();
         let text =

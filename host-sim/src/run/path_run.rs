@@ -19,7 +19,7 @@ use serde::Serialize;
 /// Half the search range along the path for the nearest point, about the previous nearest point, m: more than the robot
 /// drives in an epoch, less than the loop between two passes of a crossing.
 const WINDOW_M: f64 = 0.1;
-/// Time limit of a run: factor on the expected duration, and additional time, s.
+/// Time limit of a run is the first number times the expected duration, plus the second number, s.
 const LIMIT_FACTOR_AND_EXTRA_S: (f64, f64) = (2.0, 30.0);
 /// Share of the allowed distance from the start of the path that a planned start may use; the rest is left for the
 /// placement error.
@@ -31,7 +31,7 @@ const TURN_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Share of the robot's speed limit that a trajectory may use; the rest is left for catching up.
 const TIMED_SHARE: f64 = 0.9;
 
-/// Rule by which the robot chooses its reference.
+/// Choice of the reference point at each epoch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathMode {
     /// Path following: the nearest point of the path.
@@ -55,7 +55,7 @@ pub fn start_distances(scenario: &Scenario) -> [f64; 2] {
     [START_SHARE * most, most]
 }
 
-/// Limits of the frame of a scenario's robot.
+/// Limits on paths from the frame and the steering of the scenario's robot.
 pub fn bounds(scenario: &Scenario) -> Bounds {
     let robot = &scenario.robot;
     Bounds {
@@ -186,7 +186,7 @@ fn posture(at: &Sample) -> [f64; 3] {
     [at.x, at.y, at.phi]
 }
 
-/// Deviation of a posture from the path or trajectory.
+/// Deviation of a posture from the reference point of a path or trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Deviation {
     /// Distance to the left of the path, m.
@@ -211,10 +211,10 @@ impl Deviation {
     }
 }
 
-/// One epoch of a run.
+/// Record, reference and deviations at the end of one epoch.
 #[derive(Clone, Debug, Default)]
 pub struct PathEpoch {
-    /// State of the robot.
+    /// Record of the robot.
     pub record: Record,
     /// Reference of O: the point of the path beside the true O, or the point of the trajectory.
     pub target: Sample,
@@ -243,7 +243,7 @@ pub struct Errors {
     pub final_heading_rad: f64,
 }
 
-/// Sums that become [`Errors`].
+/// Sums and maxima over the epochs, from which [`Errors`] is computed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     distance: f64,
@@ -283,7 +283,7 @@ impl Sums {
     }
 }
 
-/// Outcome of a path run: errors and end.
+/// Path errors and end of a run along a path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Errors of the true midpoint.
@@ -296,7 +296,7 @@ pub struct Outcome {
     pub end: RunEnd,
 }
 
-/// A route in progress.
+/// Drive along a route, in progress.
 struct Drive<'a, F> {
     route: &'a Route,
     path_mode: PathMode,
@@ -394,7 +394,7 @@ pub fn drive_on(
     })
 }
 
-/// Points not yet sent to the robot.
+/// Points of a path or trajectory that are not yet sent to the robot.
 pub struct Stream {
     points: Points,
     /// True if the end of the path was sent.
@@ -407,7 +407,7 @@ enum Points {
 }
 
 impl Stream {
-    /// All points of a route.
+    /// Stream of all points of a route.
     pub fn new(route: &Route, path_mode: PathMode) -> Self {
         let points = match path_mode {
             PathMode::Follow => Points::Path(route.path.points()),
@@ -442,7 +442,7 @@ impl Stream {
     }
 }
 
-/// Removes the first points, at most `room`; true if none is left.
+/// Removes and returns the first points, at most `room`; true if no point is left.
 fn first<T>(points: &mut Vec<T>, room: usize) -> (Vec<T>, bool) {
     let fit = room.min(points.len());
     let removed = points.drain(..fit).collect();

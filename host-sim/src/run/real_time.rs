@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Polling interval of the keys in a paused run.
 const PAUSE_POLL_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Delays each tick until its real time.
+/// Delays each tick of a simulation until its real time.
 #[derive(Clone, Debug)]
 pub struct RealTimeLimiter {
     due: Instant,
@@ -28,7 +28,7 @@ impl RealTimeLimiter {
         }
     }
 
-    /// Waits for the time of the next tick.
+    /// Waits until the next tick is due; waits longer while the run is paused.
     pub fn wait(&mut self) {
         while self.keyboard.holds() {
             thread::sleep(PAUSE_POLL_INTERVAL);
@@ -52,12 +52,12 @@ impl RealTimeLimiter {
         &self.keyboard
     }
 
-    /// Number of ticks that began more than one tick late.
+    /// Number of ticks that began more than one tick late in real time.
     pub fn late(&self) -> u32 {
         self.late
     }
 
-    /// Largest delay of a tick so far.
+    /// Largest delay of a tick since the start.
     pub fn worst(&self) -> Duration {
         self.worst
     }

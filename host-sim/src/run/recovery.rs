@@ -18,7 +18,7 @@ pub const SENSORS: [Condition; 6] = [
     Condition::BeamInconsistent,
 ];
 
-/// Heartbeat of a node.
+/// Heartbeat of a node as received from the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Status {
     /// Time at which the node sent the heartbeat, s.
@@ -92,12 +92,12 @@ pub struct Monitor {
     pub topology: Topology,
     latest: Vec<Option<Status>>,
     changes: Vec<Status>,
-    /// Index of the first change of the present task.
+    /// Index in `changes` of the first change during the present task.
     first: usize,
     /// True for nodes whose next heartbeat still holds notices from before the task.
     stale: Vec<bool>,
     noticed: Vec<Conditions>,
-    /// Latest result of a calibration, and the gauge that caused the result.
+    /// Latest answer of the beam board to a calibration request, and the gauge that caused the answer.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
 
@@ -154,7 +154,8 @@ impl Monitor {
         self.latest[self.topology.place_of_node(node)?].as_ref()
     }
 
-    /// First heartbeat of each node, and every heartbeat with a changed state or reason.
+    /// First heartbeat of each node, and every heartbeat whose state or reason differs from the preceding heartbeat of
+    /// the node.
     pub fn changes(&self) -> &[Status] {
         &self.changes
     }
@@ -212,7 +213,7 @@ impl Monitor {
         changes.find(|status| is_stopped(status.state) && status.reason.is_some())
     }
 
-    /// Clears the changes; keeps the latest heartbeats.
+    /// Deletes the recorded changes; keeps the latest heartbeats.
     pub fn forget_changes(&mut self) {
         self.changes.clear();
         self.first = 0;
@@ -227,7 +228,7 @@ fn is_stopped(state: OperatingState) -> bool {
 pub const CHECK_DELAY_TICKS: u32 = 1000;
 /// Time in which the nodes must become idle after an attempt to clear the faults, ticks.
 const CLEARING_TICKS: u32 = 500;
-/// Attempts before the host gives up.
+/// Number of attempts to clear the faults before the host gives up.
 const ATTEMPTS: u32 = 3;
 
 /// Recovery by the host after the restart of an axle board: the host clears the faults until all nodes are ready, then
@@ -236,12 +237,12 @@ const ATTEMPTS: u32 = 3;
 pub struct Recovery {
     /// Latest detected restart, ms.
     restart: Option<u32>,
-    /// Tick of the next check of the nodes, and number of attempts.
+    /// Tick of the next check of the nodes, and number of attempts so far.
     next: Option<(u32, u32)>,
 }
 
 impl Recovery {
-    /// True if an action of the host is pending.
+    /// True if the host still has to clear faults or to repeat the task.
     pub fn is_pending(&self) -> bool {
         self.next.is_some()
     }

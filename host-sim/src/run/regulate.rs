@@ -16,7 +16,7 @@ use core_algos::node::robot::Geometry;
 use core_algos::time::{EPOCH, Micros};
 use std::f64::consts::{PI, TAU};
 
-/// Outcome of a trial.
+/// Final errors and statistics of a trial of regulation.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     /// True posture of the midpoint at the end: m, m, rad.
@@ -58,7 +58,7 @@ impl Ended for Outcome {
 /// Speed below which the curvature of the driven path is not evaluated, m/s.
 pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
 
-/// Statistics of the drive.
+/// Sums, counts and maxima over the epochs of a regulation.
 #[derive(Clone, Copy, Debug)]
 struct Drive {
     last: [f64; 3],
@@ -91,7 +91,7 @@ impl Drive {
         }
     }
 
-    /// Adds the robot's state after an epoch to the statistics.
+    /// Adds the record of an epoch to the statistics.
     fn observe(&mut self, record: &Record) {
         const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
         let [x, y, phi] = self.last;
@@ -169,7 +169,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for Regulation<F> {
     }
 }
 
-/// [`regulate`] with a given robot of the scenario.
+/// As [`regulate`], with the given robot of the scenario.
 pub fn regulate_on(
     robot: &mut impl Robot,
     scenario: &Scenario,

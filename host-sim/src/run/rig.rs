@@ -119,7 +119,7 @@ impl Rig {
         &self.lead
     }
 
-    /// Injector of the fault; `None` without an injected fault.
+    /// Injector of a fault; `None` if no fault is injected.
     pub fn injector(&self) -> Option<&Injector> {
         self.injector.as_ref()
     }
@@ -147,7 +147,7 @@ impl Rig {
         self.step_boards()
     }
 
-    /// [`Self::step`] with readings in place of the sensors.
+    /// As [`Self::step`], with given readings in place of the sensors.
     pub fn step_with(&mut self, readings: &Readings) -> Result<&[[f64; 2]], Error> {
         self.readings.clone_from(readings);
         self.step_boards()
@@ -220,7 +220,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Takes the samples of each board.
+    /// Converts the sensors' samples to the boards' readings.
     fn read(&mut self, truth: &Truth) {
         let samples = self.sensors.sample(truth);
         let axles = samples.axles.iter().zip(&self.inertial);

@@ -22,22 +22,22 @@ const STOP_TIMEOUT_US: Micros = 5_000_000;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
-/// State of the robot at the end of an epoch, for logs and pictures.
+/// Postures, frames and lead's output of the robot at the end of an epoch, for logs and pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     /// Time of the record, s.
     pub time_s: f64,
     /// True posture of the midpoint: m, m, rad; NaN if unknown.
     pub midpoint: [f64; 3],
-    /// States of the axles, front first.
+    /// True motion of the axles, front first.
     pub axles: Vec<AxleRecord>,
-    /// States of the frames, front first.
+    /// Wrench and shape of the frames, front first.
     pub frames: Vec<FrameRecord>,
     /// Latest output of the lead node.
     pub lead: lead::Output,
 }
 
-/// State of an axle in a [`Record`].
+/// True posture, torques and wheel speeds of an axle in a [`Record`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleRecord {
     /// True posture of the axle: m, m, rad; NaN if unknown.
@@ -48,10 +48,10 @@ pub struct AxleRecord {
     pub wheel_speed: [f64; 2],
 }
 
-/// State of a frame in a [`Record`].
+/// Wrench, shape and strains of a frame in a [`Record`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameRecord {
-    /// Wrench of the frame on its axles.
+    /// Force (N) and moment (N m) of the frame on its axles.
     pub wrench: Wrench,
     /// True posture of the axle ahead in the coordinates of the axle behind: m, m, rad.
     pub relative: [f64; 3],
@@ -107,7 +107,7 @@ impl Record {
         record
     }
 
-    /// State of the plant at `now`, with the lead node's latest output and the strains of each frame.
+    /// Record of a simulated robot at `now`, with the lead node's latest output and the measured strains of each frame.
     pub fn of(
         now: Micros,
         plant: &Plant,
@@ -140,7 +140,7 @@ impl Record {
     }
 }
 
-/// Positions of [`FRAME_POINTS`] points along each frame of a plant.
+/// Positions along each frame of a plant at which a record has its [`FRAME_POINTS`] points.
 pub fn outlines(plant: &Plant) -> Vec<Outline> {
     let frames = 0..plant.frame_count();
     frames
@@ -166,10 +166,10 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
 
 /// Observer of a run: a recording or a display.
 pub trait Observer: Send {
-    /// Receives the state at the end of an epoch; an error ends the run.
+    /// Receives the record at the end of an epoch; an error ends the run.
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
 
-    /// Receives the text of the run's end.
+    /// Receives the text about the end of the run.
     fn ended(&mut self, _text: &str) {}
 
     /// Receives the build of the image that a virtual board runs.
@@ -191,33 +191,33 @@ pub trait Observer: Send {
 /// Observers of a run.
 pub type Observers = Vec<Box<dyn Observer>>;
 
-/// Points of a frame's curve in a record.
+/// Number of points on the curve of a frame in a record.
 pub const FRAME_POINTS: usize = 13;
 
 /// Bounds of the time of a run, µs from the start of the simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Span {
-    /// Earliest end of a run whose task is done.
+    /// Time before which a run does not end, even if its task is done.
     pub least: Micros,
-    /// Latest end of the run, even if the task is not done.
+    /// Time at which the run ends, even if the task is not done; `None` without a limit.
     pub most: Option<Micros>,
 }
 
-/// Bounds, pace and observers of a run.
+/// Time bounds, pace and observers of a run.
 #[derive(Default)]
 pub struct RunControl {
     /// Bounds of the run's time.
     pub span: Span,
-    /// Flag that ends the run when set.
+    /// Flag that another thread sets to end the run.
     pub interrupt: Option<Arc<AtomicBool>>,
     /// Limiter of a run in real time.
     pub pace: Option<RealTimeLimiter>,
-    /// Observers of the state.
+    /// Recordings and displays that get each record.
     pub observers: Observers,
 }
 
 impl Clone for RunControl {
-    /// Copy without the observers, which belong to one run.
+    /// Copy without the observers, because observers belong to a single run.
     fn clone(&self) -> Self {
         Self {
             span: self.span,
@@ -246,13 +246,13 @@ pub trait Robot {
     fn failure(&self) -> Option<String>;
     /// Advances the robot by 1 ms.
     fn step(&mut self) -> Result<(), Error>;
-    /// State of the robot for logs and pictures.
+    /// Record of the robot for logs and pictures.
     fn record(&self) -> Record;
     /// Plant of a simulated robot; `None` for a real robot.
     fn plant(&self) -> Option<&Plant>;
-    /// Bounds, pace and observers of the run.
+    /// Time bounds, pace and observers of the run.
     fn control(&self) -> &RunControl;
-    /// Mutable bounds, pace and observers of the run.
+    /// Time bounds, pace and observers of the run, to be changed.
     fn control_mut(&mut self) -> &mut RunControl;
     /// Links to the boards, with their traffic.
     fn traffic(&self) -> Vec<BoardTraffic>;
@@ -261,7 +261,7 @@ pub trait Robot {
 
     /// Monitor of the nodes' heartbeats.
     fn monitor(&self) -> &Monitor;
-    /// Mutable monitor of the nodes' heartbeats.
+    /// Monitor of the nodes' heartbeats, to be changed.
     fn monitor_mut(&mut self) -> &mut Monitor;
 
     /// Age of the estimates in a record at the end of an epoch, µs: the lead node fuses the reports of the epoch
@@ -275,7 +275,7 @@ pub trait Robot {
         Vec::new()
     }
 
-    /// Adds an observer of the state, called once an epoch.
+    /// Adds an observer, which gets the record of each epoch.
     fn observe(&mut self, mut observer: Box<dyn Observer>) {
         for (role, build) in self.builds() {
             observer.board(role, build);
@@ -283,7 +283,7 @@ pub trait Robot {
         self.control_mut().observers.push(observer);
     }
 
-    /// Passes the state to the observers at the end of an epoch.
+    /// Passes the record to the observers at the end of an epoch; does nothing within an epoch.
     fn notify_observers(&mut self) -> Result<(), Error>
     where
         Self: Sized,
@@ -300,7 +300,7 @@ pub trait Robot {
         result
     }
 
-    /// True if the earliest end of the run has passed.
+    /// True if the time before which the run does not end has passed.
     fn may_end(&self) -> bool {
         self.now() >= self.control().span.least
     }
@@ -311,13 +311,13 @@ pub trait Robot {
         self.control().interrupt.as_ref().is_some_and(interrupted)
     }
 
-    /// True if the latest end of the run has passed.
+    /// True if the time at which the run ends in any case has passed.
     fn is_out_of_time(&self) -> bool {
         let most = self.control().span.most;
         most.is_some_and(|most| self.now() >= most)
     }
 
-    /// True if the run must end, even if its task is not done.
+    /// True if the run must end even though its task is not done.
     fn must_end(&self) -> bool {
         self.is_interrupted() || self.failure().is_some() || self.is_out_of_time()
     }
@@ -355,7 +355,7 @@ pub trait Robot {
             .map_or(f64::NAN, |plant| 0.5 * plant.relative_posture(0)[2])
     }
 
-    /// True speed of the fastest axle's midpoint, m/s, or NaN.
+    /// True speed of the fastest axle's midpoint, m/s; NaN without a plant.
     fn speed(&self) -> f64 {
         self.plant().map_or(f64::NAN, |plant| {
             let speeds = plant.axles().iter().map(|axle| {

@@ -112,7 +112,7 @@ pub struct Line {
     pub step: ScriptStep,
 }
 
-/// End of a step.
+/// Text, goal and end of an executed step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StepEnd {
     /// Number of the step's line, from 1.
@@ -391,7 +391,7 @@ fn execute_step(
     Ok((drive(robot, scenario, limit_s, &mut step_task)?, None))
 }
 
-/// Step in progress.
+/// Step of a script, in progress.
 struct StepTask<'a, F> {
     step: &'a ScriptStep,
     scenario: &'a Scenario,
@@ -405,7 +405,7 @@ struct StepTask<'a, F> {
 }
 
 impl<F> StepTask<'_, F> {
-    /// Task that the keys command; `None` after a stop has been sent, until the next key.
+    /// Task that the keys command; `None` from a stop until the next key.
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
         let rests = hand.speed_m_s == 0.0;
@@ -532,7 +532,8 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     }
 }
 
-/// Error of a calibration by the beam board; `None` if the result is stored. Gauges are numbered from 0 at the root.
+/// Error about a failed calibration by the beam board; `None` if the calibration is stored. Gauges are numbered from 0
+/// at the root.
 pub fn calibration_error(result: CalibrationResult, gauge: u8) -> Option<Error> {
     let gauge = u32::from(gauge) + 1;
     let why = match result {
@@ -559,7 +560,7 @@ fn is_clear(robot: &impl Robot) -> bool {
     lead.is_some_and(|lead| lead.state == OperatingState::Idle && lead.reason.is_none())
 }
 
-/// Robot placed at a posture. Its frame is bent as the lead node estimates, or straight without an estimate.
+/// Placement of the robot at a posture. The frame is bent as the lead node estimates, or straight without an estimate.
 fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Placement {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));

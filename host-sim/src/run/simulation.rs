@@ -22,7 +22,7 @@ const TICKS_AFTER_FAULT: u64 = 1000;
 /// Plant of a drawn robot with the true positions of its gauges.
 #[derive(Debug)]
 pub struct DrawnPlant {
-    /// The plant.
+    /// Simulated robot with motors, axles and frame.
     pub plant: Plant,
     /// True positions of the gauges of each frame.
     gauges: Vec<Vec<Station>>,
@@ -45,7 +45,7 @@ impl DrawnPlant {
         })
     }
 
-    /// Inputs of the sensors, all zero.
+    /// Sensor inputs for this plant, all zero.
     pub fn no_truth(&self) -> Truth {
         Truth {
             axles: vec![AxleTruth::default(); self.plant.axles().len()],
@@ -53,7 +53,7 @@ impl DrawnPlant {
         }
     }
 
-    /// Updates the inputs of the sensors.
+    /// Writes the plant's motion and strains into the inputs of the sensors.
     pub fn measure(&self, truth: &mut Truth) {
         for (truth, axle) in truth.axles.iter_mut().zip(self.plant.axles()) {
             *truth = AxleTruth {
@@ -71,7 +71,7 @@ impl DrawnPlant {
     }
 }
 
-/// A trial in progress.
+/// Trial of one robot with plant and boards, in progress.
 pub struct Simulation {
     drawn: DrawnPlant,
     rig: Rig,
@@ -90,7 +90,7 @@ impl Simulation {
         Self::on(boards, scenario, seed, trial)
     }
 
-    /// Creates the trial with the given boards.
+    /// As [`Self::new`], with the given boards.
     pub fn on(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -101,7 +101,7 @@ impl Simulation {
         Self::with(targets, scenario, &imperfections, seed, trial)
     }
 
-    /// Creates the trial of a robot with the given errors.
+    /// As [`Self::on`], for a robot with the given errors.
     pub fn with(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -127,12 +127,12 @@ impl Simulation {
         format!("{:?} {}", self.drawn, self.rig.truth())
     }
 
-    /// Boards of the robot, mutable.
+    /// Boards of the robot, to be changed.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.rig.boards
     }
 
-    /// Returns the boards for another simulation.
+    /// Ends the trial and returns its boards for a further simulation.
     pub fn release(self) -> Vec<Box<dyn Target>> {
         self.rig.boards.release()
     }
@@ -152,12 +152,12 @@ impl Simulation {
         self.rig.torque()
     }
 
-    /// Starts the trace of the boards.
+    /// Begins to record the outputs of the boards.
     pub fn record_trace(&mut self) {
         self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
 
-    /// Trace of the boards since [`Self::record_trace`]; `None` if not recorded.
+    /// Outputs of the boards since [`Self::record_trace`]; `None` without a recording.
     pub fn take_trace(&mut self) -> Option<Trace> {
         self.rig.trace.take()
     }

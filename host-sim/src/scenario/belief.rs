@@ -2,7 +2,7 @@
 
 use crate::scenario::Scenario;
 
-/// A constant of the world and the board parameter of the same quantity.
+/// Keys of one quantity in the world and in the boards.
 pub struct Pair {
     /// Key of the true value.
     pub truth: &'static str,
@@ -22,7 +22,7 @@ macro_rules! pairs {
     };
 }
 
-/// All pairs of a true value and a board parameter.
+/// All quantities with a true value and a board parameter.
 pub const PAIRS: &[Pair] = pairs! {
     "plant.strip_length_m", "robot.geometry.frame_length_m":
         |it| vec![it.world.plant.strip_length_m], [it.robot.geometry.frame_length_m];
@@ -51,11 +51,11 @@ pub const PAIRS: &[Pair] = pairs! {
         |it| it.world.sensors.bridge.gauges_m.to_vec(), it.robot.beam.strip.gauges_m.iter();
 };
 
-/// Largest relative difference of values that count as equal: single precision keeps seven digits.
+/// Relative difference up to which two values count as equal: single precision keeps seven digits.
 const SAME: f64 = 1e-6;
 
 impl Pair {
-    /// Notice that the board parameter differs from the true value; `None` if both agree. A single parameter is
+    /// Notice that the board parameter differs from the true value; `None` if the values agree. A single parameter is
     /// compared with the mean of a list.
     fn notice(&self, scenario: &Scenario) -> Option<String> {
         let (truth, belief) = (self.values)(scenario);

@@ -23,7 +23,7 @@ pub type Values = Vec<(&'static Parameter, f32)>;
 
 /// Robot with the boards that a file can name.
 const ROBOT: Topology = Topology::PAIR;
-/// Names of the boards, in the order of the topology.
+/// Names of the boards in a file, in the order of [`Topology::boards`].
 const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
 
 /// Parameters by board, named as in `cfmmr parameters`. A file gives the parameter of a gauge as an entry of a list, or
@@ -51,7 +51,7 @@ impl Serialize for Overlays {
 
 impl<'de> Deserialize<'de> for Overlays {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        /// Index of a board, read from its name.
+        /// Index of the board with a name in [`NAMES`].
         #[derive(PartialEq, Eq, Hash)]
         struct Board(usize);
 
@@ -106,7 +106,7 @@ impl Overlays {
         Ok(values)
     }
 
-    /// Writes the parameters of a board into its settings.
+    /// Sets the parameters of a board in the settings of the board.
     pub fn apply(&self, role: Role, settings: &mut Settings) -> Result<(), Error> {
         for (parameter, value) in self.values(role)? {
             let set = parameter.set(settings, value);
@@ -137,7 +137,7 @@ impl Overlays {
         }
     }
 
-    /// Text of the file, with units and ranges.
+    /// Text of a parameter file, with units and ranges as comments.
     pub fn to_toml(&self) -> Result<String, Error> {
         let mut text = String::new();
         for role in self.topology.boards() {
@@ -169,7 +169,7 @@ impl Overlays {
     }
 }
 
-/// Parameter of a name; the error suggests similar names.
+/// Parameter named `name`; the error suggests similar names.
 pub fn parameter(name: &str) -> Result<&'static Parameter, Error> {
     find(name).ok_or_else(|| {
         let last = name.rsplit('.').next().unwrap_or(name);
@@ -183,7 +183,7 @@ pub fn parameter(name: &str) -> Result<&'static Parameter, Error> {
     })
 }
 
-/// The f64 that prints like the f32.
+/// Double with the same shortest decimal form as `value`.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(value.into())
 }

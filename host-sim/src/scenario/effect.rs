@@ -107,16 +107,16 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
             "unless robot.beam.method = \"piecewise\"";
 };
 
-/// Keys given by the user.
+/// Keys that the user has set on the command line and in the scenario file.
 #[derive(Clone, Debug, Default)]
 pub struct GivenKeys {
-    /// Keys of `--set`.
+    /// Keys set by `--set`.
     set: Vec<String>,
     /// Keys of the scenario file.
     file: Vec<String>,
 }
 
-/// A run: scenario and use.
+/// Scenario of a run and its use.
 pub type Run<'a> = (&'a Scenario, Use);
 
 impl GivenKeys {
@@ -150,7 +150,7 @@ impl GivenKeys {
         Ok(())
     }
 
-    /// Refuses a key of `--set` outside of `table`, with the reason.
+    /// Refuses a key of `--set` that is outside of `table`; the error states `reason`.
     pub fn check_only(&self, table: &str, reason: &str) -> Result<(), Error> {
         match self.set.iter().find(|key| !within(key, table)) {
             Some(key) => Err(Error::input(format!("--set {key}: no effect {reason}"))),

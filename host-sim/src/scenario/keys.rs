@@ -7,7 +7,7 @@ use declare::{Allowed, Field, Kind};
 use serde_json::{Value as Json, json};
 use toml::{Table, Value};
 
-/// Key with its table and default.
+/// Scenario key with its table, declaration and default.
 pub struct Key {
     /// Table and field, joined by dots.
     pub name: String,
@@ -102,7 +102,7 @@ pub fn shortest_decimal(number: f64) -> f64 {
     }
 }
 
-/// Default as a JSON value.
+/// Default value of a key as JSON.
 fn json_value(value: &Value) -> Json {
     match value {
         Value::Float(number) => shortest_decimal(*number).into(),
@@ -111,7 +111,7 @@ fn json_value(value: &Value) -> Json {
     }
 }
 
-/// The keys of a table, or all keys, as a JSON list.
+/// JSON list of the keys of the table `wanted`, or of all keys.
 pub fn json(wanted: Option<&str>) -> Result<String, Error> {
     let mut list = Vec::new();
     for Key {

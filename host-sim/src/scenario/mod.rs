@@ -71,7 +71,7 @@ impl Mission {
         }
     }
 
-    /// Regulation to a goal with the tolerance of the mission.
+    /// Task of regulation to a goal, with the tolerance of the mission.
     pub fn regulate(&self, goal: [f64; 3]) -> Task {
         Task::Regulate {
             goal: Posture::from(goal.map(|value| value as f32)),
@@ -86,7 +86,7 @@ impl Mission {
             && turn.abs() <= self.tolerance_rad
     }
 
-    /// Tolerance of the goal, and of the end of a path.
+    /// Tolerance at the goal and at the end of a path.
     pub fn within(&self) -> Tolerance {
         Tolerance {
             position_m: self.tolerance_m as f32,
@@ -211,7 +211,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Checks every value of the scenario.
+    /// Checks that every value is within its range, for each board too.
     pub fn check(&self) -> Result<(), Error> {
         within("mission", self.mission.check_ranges())?;
         self.robot.build().map_err(|error| self.placed(&error))?;

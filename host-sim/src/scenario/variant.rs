@@ -4,7 +4,7 @@ use crate::scenario::Scenario;
 use crate::scenario::effect::Taken;
 use core_algos::fusion::robot::Mode;
 
-/// Configuration of sensors and fusion, one row of the table.
+/// Sensors and fusion of a robot, one row in the table of `posture`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
     /// True if the relative position sensor is fitted.
@@ -20,7 +20,7 @@ impl Variant {
         Self { rps, imu, mode }
     }
 
-    /// The rows of the whole table, pairs with and without inertial sensors.
+    /// All rows of the table, first without and then with inertial sensors.
     pub const ALL: [Self; 8] = [
         Self::new(false, false, Mode::Odometry),
         Self::new(true, false, Mode::Intersection),
@@ -39,7 +39,7 @@ impl Variant {
     /// The joint filter, without and with inertial sensors.
     pub const JOINT: [Self; 2] = [Self::ALL[3], Self::ALL[7]];
 
-    /// Configuration of a scenario.
+    /// Sensors and fusion of a scenario.
     pub fn of(scenario: &Scenario) -> Self {
         Self {
             rps: scenario.mission.rps,
@@ -81,7 +81,7 @@ impl Variant {
         }
     }
 
-    /// Sensors and fusion.
+    /// Names of sensors and fusion.
     pub fn label(&self) -> String {
         format!("{}, {}", self.sensors(), self.fusion())
     }

@@ -16,7 +16,7 @@ pub enum BoardEvent {
     Begin(u32, Box<RobotConfig>),
     /// A command was executed before this tick.
     Command(u32, HostCommand),
-    /// A tick of the board.
+    /// Inputs and outputs of the board at a tick.
     Tick(Box<BoardTick>),
     /// Output of the lead node at this tick.
     Lead(u32, Box<lead::Output>),
@@ -24,7 +24,7 @@ pub enum BoardEvent {
     End(u32, String),
 }
 
-/// Tick of a board.
+/// Inputs and outputs of a board at a tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardTick {
     /// Time of the tick, ms.
@@ -39,7 +39,7 @@ pub struct BoardTick {
     pub sent: Vec<CanFrame>,
 }
 
-/// Record of a board.
+/// Assembles the events of a board from its reports.
 #[derive(Clone, Debug)]
 pub struct BoardRecord {
     role: Role,
@@ -50,7 +50,7 @@ pub struct BoardRecord {
     events: Vec<BoardEvent>,
 }
 
-/// State of a record.
+/// Nodes of a board whose record is running.
 #[derive(Clone, Debug)]
 struct Nodes {
     reference: Reference,
@@ -87,12 +87,12 @@ impl BoardRecord {
         self.begun
     }
 
-    /// Removes and gives the events recorded since the last call.
+    /// Removes and returns the events since the preceding call.
     pub fn take(&mut self) -> Vec<BoardEvent> {
         std::mem::take(&mut self.events)
     }
 
-    /// Ends the record, with a reason.
+    /// Ends the record; `reason` is in its last event.
     pub fn end(&mut self, reason: String) {
         self.close();
         if let Some(nodes) = self.nodes.take() {
@@ -108,7 +108,7 @@ impl BoardRecord {
         }
     }
 
-    /// Completes the latest tick.
+    /// Completes the event of the latest tick.
     fn close(&mut self) {
         if let Some(nodes) = &mut self.nodes
             && let Some(tick) = nodes.open.take()
@@ -124,7 +124,7 @@ impl BoardRecord {
         }
     }
 
-    /// Adds the next entry of the board's reports to the record.
+    /// Takes the next entry of the board's reports and adds the events that the entry completes.
     pub fn put(&mut self, entry: &Entry) {
         let own = entry.frame();
         let own = own.map(|frame| (frame, sender(self.config.topology(), &frame)));

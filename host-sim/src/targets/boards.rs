@@ -29,11 +29,11 @@ pub struct Failure {
     pub role: Role,
     /// Time of the failure, ms from the start of the simulation.
     pub at: u32,
-    /// Kind of failure.
+    /// Way in which the board fails.
     pub mode: FailureMode,
 }
 
-/// Failure of a board.
+/// Way in which a board fails.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FailureMode {
     /// The host switches the board off.
@@ -62,7 +62,7 @@ struct Slot {
 }
 
 impl Slot {
-    /// Hands over the samples of a tick. After a gap in its ticks the board first gets the new time.
+    /// Sends the board the samples of a tick. After a gap in its ticks the board first gets the new time.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
         let tick = tick - self.clock_lag;
         if tick != self.next {
@@ -73,7 +73,7 @@ impl Slot {
     }
 }
 
-/// Boards of a robot.
+/// All boards of a robot, with their failures and restarts.
 pub struct Boards {
     topology: Topology,
     slots: Vec<Slot>,
@@ -85,7 +85,7 @@ pub struct Boards {
     outputs: Vec<Output>,
 }
 
-/// Index of the board with the lead node.
+/// Index of the front board, which has the lead node.
 const LEAD: usize = 0;
 
 impl Boards {
@@ -125,7 +125,7 @@ impl Boards {
         })
     }
 
-    /// Returns the boards in their present state.
+    /// Ends the lockstep and returns the boards, still running.
     pub fn release(self) -> Vec<Box<dyn Target>> {
         self.slots.into_iter().map(|slot| slot.target).collect()
     }
@@ -158,7 +158,7 @@ impl Boards {
         self.losses.last_restart()
     }
 
-    /// Records an action of the host.
+    /// Records that the host cleared faults or repeated the task.
     pub fn note(&mut self, tick: u32, what: EventKind) {
         self.losses.note(tick, what);
     }
@@ -168,7 +168,7 @@ impl Boards {
         self.losses.end(tick)
     }
 
-    /// Report of each fitted board; with the stack use of boards that are running.
+    /// Report on each fitted board, with the stack use of running boards.
     pub fn reports(&mut self) -> Vec<TargetReport> {
         let mut reports = Vec::new();
         for slot in &mut self.slots {
@@ -184,7 +184,7 @@ impl Boards {
         reports
     }
 
-    /// Traffic of the links since the start.
+    /// Traffic on the link of each board since the start.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |slot: &Slot| BoardTraffic {
             name: self.topology.name(slot.role),
@@ -264,7 +264,7 @@ impl Boards {
         Ok(&self.outputs)
     }
 
-    /// Carries out planned failures and restarts.
+    /// Carries out the failures and restarts that are due at a tick.
     fn switch(&mut self, tick: u32) -> Result<(), Error> {
         for i in 0..self.slots.len() {
             let role = self.slots[i].role;
@@ -289,7 +289,7 @@ impl Boards {
         Ok(())
     }
 
-    /// Value of a board's answer; `None` if the board gave no answer or restarted, and so was lost. An error if the run
+    /// Answer of a board; `None` if the board was lost because it gave no answer or restarted. An error if the run
     /// cannot continue.
     fn value_or_loss<T>(
         &mut self,
@@ -345,7 +345,7 @@ impl Boards {
     }
 }
 
-/// Error of a run whose board had this fault during its start.
+/// Error that ends the run because a board had this fault during its start.
 pub fn fatal(board: &str, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,

@@ -47,7 +47,7 @@ impl HostCommand {
         }
     }
 
-    /// Name of the command in messages.
+    /// Name of the command in error texts.
     pub fn subject(&self) -> &'static str {
         match self {
             Self::Task(Task::Drive { .. }) => "speed",

@@ -12,7 +12,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Role, Topology};
 
-/// A board in this process.
+/// Board whose nodes run in this process.
 pub struct InProcess {
     role: Role,
     name: &'static str,
@@ -47,7 +47,7 @@ impl InProcess {
         }
     }
 
-    /// Fault of a board that is off.
+    /// Fault that a board reports while its supply is off.
     fn off(name: &str) -> Fault {
         Fault::Silent(format!("{name} board is off"))
     }

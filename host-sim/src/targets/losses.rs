@@ -7,7 +7,7 @@ use std::fmt;
 /// Time from the decision to end a run to its end, ticks: the motors switch off within this time.
 const TICKS_TO_END: u32 = 1500;
 
-/// Event of a board.
+/// Loss or restart of a board, or reaction of the host.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EventKind {
@@ -23,7 +23,7 @@ pub enum EventKind {
     Resumed,
 }
 
-/// Event of a board, with its time.
+/// Loss or restart of a board, or reaction of the host, with its time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
     /// Time of the event, s.
@@ -51,21 +51,21 @@ impl fmt::Display for Event {
     }
 }
 
-/// Record of losses and restarts.
+/// Events of boards that were lost or restarted.
 #[derive(Clone, Debug)]
 pub struct Losses {
     topology: Topology,
     events: Vec<Event>,
     /// Latest restart of an axle board, ms.
     restarted: Option<u32>,
-    /// Axle board lost last and time of the loss, ms, until all other motors are off.
+    /// Axle board that was lost most recently and time of the loss, ms; `None` once all other motors are off.
     awaiting_motors_off: Option<(Role, u32)>,
     /// Reason and time of the end of the run, ms.
     end: Option<(String, u32)>,
 }
 
 impl Losses {
-    /// Record without losses.
+    /// Record without events.
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
@@ -76,12 +76,12 @@ impl Losses {
         }
     }
 
-    /// Events of the boards since the start of the run.
+    /// Losses, restarts and reactions of the host since the start of the run.
     pub fn events(&self) -> &[Event] {
         &self.events
     }
 
-    /// True if there is an event of the board.
+    /// True if the board was lost or restarted.
     pub fn has(&self, role: Role) -> bool {
         let name = self.topology.name(role);
         self.events.iter().any(|event| event.role == name)
@@ -98,12 +98,12 @@ impl Losses {
         (tick >= *at).then_some(why)
     }
 
-    /// Records an action of the host.
+    /// Records that the host cleared faults or repeated the task.
     pub fn note(&mut self, tick: u32, what: EventKind) {
         self.record(tick, "host", what);
     }
 
-    /// Records the loss of a board. If `comes_back` is false, the loss of an axle board ends the run.
+    /// Records the loss of a board. Without restart (`comes_back` is false) the loss of an axle board ends the run.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
         let name = self.topology.name(role);
         self.record(tick, name, EventKind::Lost(why));
@@ -125,7 +125,7 @@ impl Losses {
         self.record(tick, self.topology.name(role), EventKind::Restarted);
     }
 
-    /// Ends the run, because the estimate of the posture is lost.
+    /// Ends the run, because the lead node has lost its estimate of the posture.
     pub fn lost_estimate(&mut self, tick: u32) {
         let why =
             "the front board was restarted and its lead node lost the estimate of the posture";

@@ -25,7 +25,7 @@ use core_algos::time::Micros;
 use core_algos::topology::{Topology, Wheels};
 use serde::Serialize;
 
-/// Output of a board at a tick.
+/// Torques of a board at a tick, and the lead node's output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Output {
     /// Wheel torques, N m.
@@ -69,7 +69,7 @@ impl From<Error> for Fault {
     }
 }
 
-/// Traffic of the link to a board since the start.
+/// Numbers of frames and losses on the link to a board since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Frames received from the board.
@@ -80,7 +80,7 @@ pub struct Traffic {
     pub damaged: u64,
 }
 
-/// State of the link to one board.
+/// Traffic of the link to one board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardTraffic {
     /// Name of the board.
@@ -91,7 +91,7 @@ pub struct BoardTraffic {
     pub traffic: Option<Traffic>,
 }
 
-/// Report of a board after a run.
+/// Build, traffic and stack use of a board in a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TargetReport {
     /// Name of the board.
@@ -110,7 +110,7 @@ pub struct TargetReport {
     pub sent_per_tick: f64,
     /// Bytes received from the board at ticks, on average.
     pub received_per_tick: f64,
-    /// Time from sending a tick to its answer.
+    /// Time from sending a tick to the board until its answer; `None` without a link.
     pub latency: Option<Latency>,
     /// Largest stack use since the latest start of the board; `None` if not measured.
     pub stack: Option<StackUse>,
@@ -127,7 +127,7 @@ impl TargetReport {
     }
 }
 
-/// Distribution of latencies.
+/// Mean, percentiles and maximum of latencies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Latency {
     /// Mean latency, µs.
@@ -141,7 +141,7 @@ pub struct Latency {
 }
 
 impl Latency {
-    /// Distribution of `times_us`; `None` if empty.
+    /// Statistics of the latencies `times_us`; `None` without a latency.
     pub fn of(times_us: &[u32]) -> Option<Self> {
         let mut sorted = times_us.to_vec();
         sorted.sort_unstable();
@@ -178,13 +178,13 @@ pub trait Target: Send {
     /// Delivers a message that arrived at `now`.
     fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message);
 
-    /// Hands over the samples of the board's sensors at `tick`, ms.
+    /// Sends the samples of the board's sensors at `tick`, ms, which begins the tick.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
 
-    /// Takes the board's output of the tick; its messages go to `send` in order.
+    /// Ends the tick: returns the board's output and passes its messages to `send` in order.
     fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault>;
 
-    /// Sets the next tick (ms) of a board after a gap in its ticks.
+    /// Sets the number of the next tick (ms) of a board after a gap in its ticks.
     fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
         Ok(())
     }
@@ -194,7 +194,7 @@ pub trait Target: Send {
         Ok(())
     }
 
-    /// Ends the board as if by its own failure.
+    /// Ends the board without an announcement, as a failure of the board would.
     fn crash(&mut self) -> Result<(), Error> {
         self.switch_off()
     }
@@ -202,7 +202,7 @@ pub trait Target: Send {
     /// Switches the board off.
     fn switch_off(&mut self) -> Result<(), Error>;
 
-    /// Switches the board on again; [`Self::start`] must follow.
+    /// Switches the board on; [`Self::start`] must follow.
     fn switch_on(&mut self) -> Result<(), Error>;
 
     /// Largest stack use since the start; `None` if not measured or without an answer.
@@ -215,11 +215,11 @@ pub trait Target: Send {
         None
     }
 
-    /// Report of the board, without a request to the board.
+    /// Build, traffic and stack use of the board, without a request to the board.
     fn report(&self) -> TargetReport;
 }
 
-/// All boards of a robot, in this process.
+/// Boards of a robot that all run in this process.
 pub fn in_process(topology: Topology) -> Vec<Box<dyn Target>> {
     let target = |role| Box::new(InProcess::new(topology, role)) as Box<dyn Target>;
     topology.boards().map(target).collect()

@@ -2,7 +2,7 @@
 
 use plant::PlantConfig;
 
-/// Outline of the robot seen from above.
+/// Dimensions of the robot seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
     /// Half the distance between the wheels of an axle, m.
@@ -14,7 +14,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Outline of the robot with these constants of the plant.
+    /// Dimensions of the robot with the given constants of the plant.
     pub fn of(plant: &PlantConfig) -> Self {
         Self {
             half_track_m: plant.half_track_m[0],

@@ -63,7 +63,7 @@ pub fn listed(key: &str, keys: &str) -> bool {
     keys.split_whitespace().any(|other| within(key, other))
 }
 
-/// True if `key` is `prefix`, or an entry of that table or list.
+/// True if `key` is `prefix`, or an entry of the table or list `prefix`.
 pub fn within(key: &str, prefix: &str) -> bool {
     key.strip_prefix(prefix)
         .is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))

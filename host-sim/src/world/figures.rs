@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
-/// Figure of a world: a value with unit and reason.
+/// Value of a world file with unit and reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
     /// Key of the figure in a world file.
@@ -24,7 +24,7 @@ pub struct Figure {
     pub base: bool,
 }
 
-/// All figures of a world, the figures of its own file first.
+/// All figures of a world: first the figures in its own file, then the base values.
 pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let world = World::load(name)?;
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;

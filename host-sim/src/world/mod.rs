@@ -41,10 +41,10 @@ pub const DEFAULT: &str = "careful";
 
 /// Base values of all figures, with reasons.
 const BASE: &str = include_str!("../../worlds/base.toml");
-/// Name of the world that has base values only.
+/// Name under which the base values alone are loaded as a world.
 const BASE_NAME: &str = "base";
 
-/// Topology with which a world is checked.
+/// Topology for which the values of a world are checked.
 const ROBOT: Topology = Topology::PAIR;
 const _: () = assert!(plant::MAX_AXLES == MAX_AXLES);
 
@@ -200,7 +200,7 @@ impl World {
         }
     }
 
-    /// Checks every value of the world.
+    /// Checks that every value is within its range, and that extreme draws give a valid plant.
     pub fn check(&self) -> Result<(), Error> {
         within("plant", self.plant.build(ROBOT.axle_count()).map(drop))?;
         within("spread", self.spread.check_ranges())?;
@@ -253,13 +253,13 @@ impl World {
         drawn
     }
 
-    /// Plant of one robot, with or without the mass of the strain sensing.
+    /// Plant of a drawn robot; `sensing` is true if the robot carries the mass of the strain sensing.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
         self.plant_config_of(robot, sensing)?
             .build(robot.track_factor.len())
     }
 
-    /// Constants of one robot's plant, with or without the mass of the strain sensing.
+    /// Constants of a drawn robot's plant; `sensing` is true if the robot carries the mass of the strain sensing.
     pub fn plant_config_of(
         &self,
         robot: &Drawn,
@@ -280,7 +280,7 @@ impl World {
         Ok(plant)
     }
 
-    /// True positions of one robot's gauges on the strip of each frame.
+    /// True positions of a drawn robot's gauges on the strip of each frame.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
         let on_frame = |(frame, errors): (usize, &FrameErrors)| {
             let nominal = self.sensors.bridge.gauges_m.iter();

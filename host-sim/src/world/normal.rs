@@ -7,9 +7,9 @@
 use rand::{Rng, RngExt};
 use std::sync::LazyLock;
 
-/// Edge of the lowest layer, where the tail begins.
+/// Right edge of the lowest layer of the ziggurat, where the tail begins, standard deviations.
 const EDGE: f64 = 3.654_152_885_361_009;
-/// Area of a layer.
+/// Area under the curve of each layer; the area of the lowest layer includes the tail.
 const AREA: f64 = 0.004_928_673_233_99;
 const LAYERS: usize = 256;
 
@@ -38,13 +38,13 @@ fn density(x: f64) -> f64 {
     libm::exp(-x * x / 2.0)
 }
 
-/// A number from 0 to 1, both excluded.
+/// Uniform random number between 0 and 1, both excluded.
 fn open(random: &mut impl Rng) -> f64 {
     const STEPS: f64 = (1u64 << 52) as f64;
     ((random.next_u64() >> 12) as f64 + 0.5) / STEPS
 }
 
-/// A draw of the tail beyond [`EDGE`].
+/// Random number in the tail beyond [`EDGE`].
 fn tail(random: &mut impl Rng) -> f64 {
     loop {
         let beyond = libm::log(open(random)) / EDGE;
@@ -54,7 +54,7 @@ fn tail(random: &mut impl Rng) -> f64 {
     }
 }
 
-/// A draw of mean 0 and standard deviation 1.
+/// Normally distributed random number with mean 0 and standard deviation 1.
 pub fn standard_normal(random: &mut impl Rng) -> f64 {
     const HALF: f64 = (1u64 << 51) as f64;
     let Layers { edge, density } = &*TABLE;

@@ -84,13 +84,13 @@ pub const BOUND: f64 = 5.0;
 /// factor.
 pub const SMALL: f32 = 0.09;
 
-/// [`normal`], limited to [`BOUND`] standard deviations: for constants with an allowed range.
+/// As [`normal`], limited to [`BOUND`] standard deviations, for constants with an allowed range.
 pub fn bounded(generator: &mut Pcg64, sigma: f64) -> f64 {
     let bound = BOUND * sigma;
     normal(generator, sigma).clamp(-bound, bound)
 }
 
-/// A draw from the normal distribution of mean 0 and the given standard deviation.
+/// Normally distributed random number with mean 0 and standard deviation `sigma`.
 pub fn normal(generator: &mut Pcg64, sigma: f64) -> f64 {
     sigma * standard_normal(generator)
 }

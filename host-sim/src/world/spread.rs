@@ -31,7 +31,7 @@ table! {
     }
 }
 
-/// Errors of the plant's constants in one robot.
+/// Deviations of one robot's plant constants from their means.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlantErrors {
     /// Ratio of each wheel's slip stiffness to the mean.
@@ -51,7 +51,7 @@ pub struct PlantErrors {
 }
 
 impl PlantErrors {
-    /// No errors: the plant as configured.
+    /// No deviations: the plant as configured.
     pub fn none(topology: Topology) -> Self {
         let axles = topology.axle_count();
         Self {
@@ -63,7 +63,7 @@ impl PlantErrors {
         }
     }
 
-    /// Adds the errors to a plant of mean constants.
+    /// Adds the deviations to the mean constants in `plant`.
     pub fn apply(&self, plant: &mut PlantConfig) {
         for (drift, error) in plant.carpet_drift.iter_mut().zip(self.carpet_drift) {
             *drift += error;

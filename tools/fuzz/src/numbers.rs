@@ -22,7 +22,7 @@ impl<'a> Bytes<'a> {
         std::array::from_fn(|_| self.byte())
     }
 
-    /// Reads the next bytes, at most `length`; fewer at the end.
+    /// Removes and returns the next bytes, at most `length`; fewer if the input ends.
     pub fn take(&mut self, length: usize) -> &'a [u8] {
         let (head, rest) = self.0.split_at(length.min(self.0.len()));
         self.0 = rest;
@@ -56,7 +56,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Replaces each `#` of `template` by a number.
+/// Replaces each `#` of `template` by a number from `bytes`.
 pub fn fill(template: &str, bytes: &mut Bytes) -> String {
     let mut text = String::new();
     for (i, part) in template.split('#').enumerate() {

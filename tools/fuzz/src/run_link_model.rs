@@ -8,7 +8,7 @@ use core_algos::link::{Demand, MotorState, Order, Stamp};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 
-/// Frame that travels to the board.
+/// Frame from a host to the board.
 #[derive(Clone, Debug)]
 pub enum Frame {
     /// Frame with this payload.
@@ -47,11 +47,11 @@ impl Outcome {
     }
 }
 
-/// Host that holds the lease. `latest`, its latest order, stays known after the end of the lease.
+/// Host that holds the lease. Its latest order `latest` stays known after the lease has ended.
 #[derive(Default)]
 struct Commander {
     latest: Option<Stamp>,
-    /// End of the lease, µs; `None` after a release or a reported lapse.
+    /// Time at which the lease ends, µs; `None` after a release or a reported lapse.
     ends: Option<u64>,
 }
 
@@ -78,7 +78,7 @@ impl Commander {
     }
 }
 
-/// State of the board for one host.
+/// Requests and replies of one host, as the board stores them.
 #[derive(Default)]
 struct Port {
     hello_received: bool,
@@ -97,7 +97,7 @@ pub struct RunLinks {
     ports: [Port; 2],
 }
 
-/// Expected reaction to a request.
+/// Expected reaction of the board to a request.
 enum Due {
     Reply(Vec<u8>),
     /// Reply to a hello, which is not stored for a repetition of the request.
@@ -106,7 +106,7 @@ enum Due {
     Repetition(Vec<u8>),
     /// Reply at once, and action of the board.
     Act(Vec<u8>, Demand),
-    /// Action of the board; the reply follows when the action ends.
+    /// Action of the board; the board replies when the action ends.
     Later(Demand),
 }
 
@@ -121,7 +121,7 @@ impl RunLinks {
         }
     }
 
-    /// True at the first call after the end of a lease.
+    /// True at the first call after a lease has lapsed.
     pub fn lapses(&mut self, now: u64) -> bool {
         let lapsed = self.commander.ends.is_some_and(|end| now > end);
         if lapsed {
@@ -285,7 +285,7 @@ impl RunLinks {
         }
     }
 
-    /// Expected bytes at the end of an order.
+    /// Expected bytes to the host when its order has ended.
     pub fn done(&mut self, port: usize, result: Result<(), PathError>) -> Vec<u8> {
         let port = &mut self.ports[port];
         let Some(number) = port.pending.take() else {

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 
 type Sectors = Flash<2048>;
 
-/// Flash after several saves, and the settings saved last.
+/// Flash after several saves, and the settings of the latest save.
 static SAVED: LazyLock<(Sectors, Settings)> = LazyLock::new(|| {
     let mut flash = Sectors::new(3, 1);
     let mut settings = Settings::default();

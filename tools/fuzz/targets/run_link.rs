@@ -34,7 +34,7 @@ const STEPS: [u64; 8] = [
     1 << 40,
 ];
 
-/// Run links of a board, the board's state, and the model of both.
+/// Run links and state of a board, and the model with which they are compared.
 struct BoardBench {
     run_links: [RunLink; 2],
     station: Station,
@@ -62,7 +62,7 @@ impl BoardBench {
         }
     }
 
-    /// Advances the time and compares the end of the lease with the model.
+    /// Advances the time and checks that a lease lapses exactly if the lease of the model lapses.
     fn wait(&mut self, step: u64) {
         self.station.now += step;
         let lapsed = self.station.lease.take_lapsed(self.station.now);
@@ -209,7 +209,7 @@ impl BoardBench {
         }
     }
 
-    /// Ends an order: executed or refused by the tick.
+    /// Ends an order and compares the reply with the model; `refused` is true if the tick refused the order.
     fn done(&mut self, port: usize, refused: bool) {
         let result = match refused {
             true => Err(PathError::TooTight),
@@ -220,7 +220,7 @@ impl BoardBench {
         assert_eq!(sent, self.model.done(port, result), "end of an order");
     }
 
-    /// Passes a reply of another board.
+    /// Passes a reply of another board to the host and compares the bytes with the model.
     fn relayed(&mut self, bytes: &mut Bytes) {
         let head = bytes.byte();
         let (port, from) = (

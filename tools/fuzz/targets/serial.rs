@@ -13,7 +13,7 @@ use core_algos::topology::{Role, Wheels};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
-/// Boards whose nodes run.
+/// Links of boards whose nodes are started.
 static STARTED: LazyLock<[SimLink; 3]> = LazyLock::new(|| Role::PAIR.map(started));
 
 fn identity(role: Role) -> Identity {
@@ -112,7 +112,7 @@ fn answer(board: &mut SimLink, frame: &[u8], role: Role) -> Vec<u8> {
     payloads.remove(0)
 }
 
-/// Ends a save with a failure, as a store that cannot be written does.
+/// Lets a pending save fail, as a store that cannot be written does.
 fn fail_to_save(board: &mut SimLink, send: &mut impl FnMut(&[u8])) {
     if let Some(save) = board.save() {
         assert!(save.settings.check(board.stored().role()).is_ok());

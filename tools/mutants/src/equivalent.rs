@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::path::Path;
 
-/// List of equivalent mutants.
+/// Content of `equivalent.toml`.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Equivalent {

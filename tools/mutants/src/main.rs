@@ -51,7 +51,7 @@ fn rule(name: &str) -> Result<Rule, String> {
     serde_json::from_value(name.into()).map_err(|error| error.to_string())
 }
 
-/// Tested change.
+/// Change with its number in the test program.
 #[derive(Clone, Debug, serde::Serialize)]
 struct Mutant {
     /// Number that selects the change in the test program; 0 selects none.
@@ -115,7 +115,7 @@ fn shuffled_by_rule(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
         .collect()
 }
 
-/// Next number of SplitMix64.
+/// Random number of SplitMix64 that follows `state`.
 fn next(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -144,7 +144,7 @@ fn sites_by_file(root: &Path, arguments: &Arguments) -> Result<BTreeMap<String, 
     Ok(sites_by_file)
 }
 
-/// Text of a change on one line.
+/// Text of a change with all white space as single spaces.
 fn one_line(text: &str) -> String {
     let words: Vec<&str> = text.split_whitespace().collect();
     words.join(" ")
@@ -207,7 +207,7 @@ fn main() -> Result<ExitCode> {
     Ok(report(&arguments, &equivalent, &outcomes))
 }
 
-/// Number of changes of a folder or file, by outcome of the tests.
+/// Numbers of changes in a folder or file, by outcome of the tests.
 #[derive(Clone, Copy, Default)]
 struct Count {
     noticed: usize,

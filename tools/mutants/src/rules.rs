@@ -20,9 +20,9 @@ pub enum Rule {
     AnyAll,
     /// `<` for `<=`, `>` for `>=`, or the reverse.
     Bound,
-    /// A reset of a value, or a call of a method, is removed.
+    /// Removes a statement that resets a value or calls a method.
     Reset,
-    /// An update of a value is removed.
+    /// Removes a statement that updates a value.
     Stale,
     /// Replaces a name or index by its partner: front and rear, left and right, 0 and 1.
     Swap,
@@ -30,11 +30,11 @@ pub enum Rule {
     Sign,
     /// Multiplies a time by four.
     Time,
-    /// A condition or a part of a condition is removed.
+    /// Removes or negates a condition or a part of a condition.
     Guard,
 }
 
-/// Form of a change.
+/// Edit that makes a change.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Form {
     /// An expression is replaced by this text.
@@ -43,14 +43,14 @@ pub enum Form {
     Removed,
 }
 
-/// A possible change.
+/// Change that is possible in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Site {
     /// Rule of the change.
     pub rule: Rule,
     /// Byte range of the expression or statement in the file.
     pub bytes: Range<usize>,
-    /// Form of the change.
+    /// Edit that makes the change.
     pub form: Form,
     /// Line number in the file, from 1.
     pub line: usize,
@@ -71,7 +71,7 @@ pub fn sites(text: &str, times: &BTreeSet<String>) -> syn::Result<Vec<Site>> {
     Ok(finder.sites)
 }
 
-/// Names of the time constants of a file.
+/// Names of the constants of a file that are times, by type or unit.
 pub fn time_constants(text: &str) -> syn::Result<BTreeSet<String>> {
     let file = syn::parse_file(text)?;
     let named = file.items.iter().filter_map(|item| match item {
@@ -88,7 +88,7 @@ pub fn time_constants(text: &str) -> syn::Result<BTreeSet<String>> {
     Ok(named.filter(is_time).map(|(name, _)| name).collect())
 }
 
-/// True for a speed, rate or acceleration, whose name ends like the name of a time.
+/// True for the name of a speed, rate or acceleration, which also ends in `_s`.
 fn is_rate(name: &str) -> bool {
     ["_m_s", "rad_s", "per_s", "_m_s2"]
         .iter()
@@ -119,7 +119,7 @@ impl Finder<'_> {
         self.add(rule, span, Form::Replaced(text.into()));
     }
 
-    /// Text of the expression `whole` with its part `part` replaced by `text`.
+    /// Text of the expression `whole` in which `text` replaces the part `part`.
     fn with(&self, whole: Span, part: Span, text: &str) -> String {
         let (whole, part) = (whole.byte_range(), part.byte_range());
         format!(
@@ -194,7 +194,7 @@ impl Finder<'_> {
         self.replace(Rule::Guard, span, text);
     }
 
-    /// Removes one pattern of a `matches!`.
+    /// Adds the changes that remove a pattern of a `matches!`.
     fn alternatives(&mut self, expr: &syn::ExprMacro) {
         if !expr.mac.path.is_ident("matches") {
             return;
@@ -324,7 +324,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Visits the parts of an expression that is written or borrowed. The expression itself cannot change.
+    /// Visits an expression that is written or borrowed. Its indices can change, the expression itself cannot.
     fn place(&mut self, expr: &Expr) {
         match expr {
             Expr::Field(field) => self.place(&field.base),
@@ -484,7 +484,7 @@ fn is_initial_value(value: &Expr) -> bool {
     }
 }
 
-/// True if a condition binds a name.
+/// True if a condition contains `let`.
 fn has_let(expr: &Expr) -> bool {
     match expr {
         Expr::Let(_) => true,

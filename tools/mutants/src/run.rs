@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-/// Result of the tests with a change.
+/// Outcome of the tests of a module with a change.
 #[derive(Clone, Debug)]
 pub enum Outcome {
     /// The first test that failed.
@@ -34,7 +34,7 @@ impl Outcome {
     }
 }
 
-/// Program with the tests of core-algos, and the timeouts of the tests.
+/// Test program of core-algos, and the timeouts of its modules.
 pub struct Tests {
     program: PathBuf,
     folder: PathBuf,
@@ -43,7 +43,7 @@ pub struct Tests {
 }
 
 impl Tests {
-    /// Runs the tests of each module without a change; fails if a test fails.
+    /// Runs the tests of each module without a change to measure the timeouts; fails if a test fails.
     pub fn new(program: &Path, folder: &Path, mutants: &[Mutant]) -> Result<Self> {
         let mut tests = Self {
             program: program.to_owned(),
@@ -62,7 +62,7 @@ impl Tests {
         Ok(tests)
     }
 
-    /// Outcome of each change, in order.
+    /// Runs the tests with each change on `jobs` threads; returns the outcomes in the order of the changes.
     pub fn run(&self, mutants: &[Mutant], jobs: usize) -> Vec<(Mutant, Outcome)> {
         let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
         let work = || {
@@ -86,7 +86,7 @@ impl Tests {
         outcomes.into_values().collect()
     }
 
-    /// Runs the tests of a module with a change until a test fails.
+    /// Runs the tests of a module with change `number`, until a test fails.
     fn outcome(&self, number: usize, module: &str) -> Result<Outcome> {
         let mut child = Command::new(&self.program)
             .args([&format!("{module}::"), "--test-threads", "1"])

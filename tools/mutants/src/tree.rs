@@ -42,12 +42,12 @@ pub(crate) mod mutant {
 }
 "#;
 
-/// Copy of the repository.
+/// Copy of core-algos in which the changes are made.
 pub struct Tree {
     folder: PathBuf,
 }
 
-/// Part of a changed file that belongs to one change.
+/// Byte range of a change in a changed file.
 struct Part {
     number: usize,
     from: usize,
@@ -87,7 +87,8 @@ impl Tree {
         Ok(Self { folder })
     }
 
-    /// Builds the tests of core-algos with the first changes of each file that compile; returns these and the program.
+    /// Builds the tests of core-algos. Each file gets the first `per_file` of its changes that compile. Returns these
+    /// changes and the test program.
     pub fn build(
         &self,
         root: &Path,
@@ -127,7 +128,7 @@ impl Tree {
         unreachable!()
     }
 
-    /// Adds the switch to the crate.
+    /// Adds to the crate the code that selects a change at run time.
     fn switch(&self) -> Result<()> {
         let path = self.folder.join("core-algos/src/lib.rs");
         let text = fs::read_to_string(&path)?
@@ -135,7 +136,7 @@ impl Tree {
         write(&path, format!("{text}{SWITCH}").as_bytes())
     }
 
-    /// Builds the tests; returns the program or the errors.
+    /// Builds the tests; returns the test program, or the errors of the compiler.
     fn compile(&self) -> Result<(Option<PathBuf>, Vec<Error>)> {
         // `cargo check` finds the errors faster.
         let (_, errors) = self.cargo(&["check", "--profile", "test"])?;
@@ -179,7 +180,7 @@ impl Tree {
     }
 }
 
-/// Error of the compiler.
+/// Error of the compiler, with its places.
 struct Error {
     text: String,
     /// File and byte offset of each place in the error.
@@ -232,7 +233,7 @@ fn failing_changes(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTr
         .collect()
 }
 
-/// Text with each change behind its switch, and the byte range of each change.
+/// Text of a file with each change behind a switch, and the byte range of each change.
 fn with_switches(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     let mut order: Vec<&Mutant> = mutants.iter().collect();
     // A change that contains other changes comes first, because `insert` expects this order.
@@ -244,7 +245,7 @@ fn with_switches(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     (to, parts)
 }
 
-/// Appends a range of the text with the changes in it.
+/// Appends a range of the original text with the changes in the range.
 fn insert(
     text: &str,
     range: std::ops::Range<usize>,

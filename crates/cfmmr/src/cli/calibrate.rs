@@ -72,7 +72,7 @@ pub struct CalibrateArgs {
     pub json: JsonArgs,
 }
 
-/// Runs the command.
+/// Runs `cfmmr calibrate`.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     args.boards.check()?;
     if args.boards.on.has_ports() {
@@ -138,7 +138,7 @@ fn calibrate(
     Ok(report)
 }
 
-/// True if `--yes` is given or the user confirms.
+/// True if the new values may be saved: `--yes` is given or the user confirms.
 fn confirm_saving(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
@@ -158,7 +158,7 @@ fn confirm_saving(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     Ok(yes)
 }
 
-/// Virtual boards; `None` if all boards are in this process.
+/// Virtual boards; `None` if the nodes run in this process.
 fn boards(args: &CalibrateArgs, robot: Topology) -> Result<Option<Vec<Box<dyn Target>>>, Error> {
     if !args.boards.on.is_outside() {
         return Ok(None);

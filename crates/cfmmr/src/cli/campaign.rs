@@ -79,7 +79,7 @@ pub struct CampaignStatus {
     pub json: JsonArgs,
 }
 
-/// Runs the command.
+/// Runs `cfmmr campaign`.
 pub fn run(args: &CampaignArgs) -> Result<(), Error> {
     match &args.action {
         Some(CampaignAction::Merge(args)) => merge(args),

@@ -75,7 +75,7 @@ pub fn markdown() -> String {
     text
 }
 
-/// One cause of each kind, with the heading of its column in the table of transitions.
+/// One [`Cause`] of each kind, with the heading of the kind's column in the table of transitions.
 fn causes() -> Vec<(&'static str, Cause)> {
     use core_algos::safety::Condition;
     let conditions = [

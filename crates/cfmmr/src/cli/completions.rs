@@ -13,7 +13,7 @@ pub struct CompletionsArgs {
     pub shell: clap_complete::Shell,
 }
 
-/// Runs the command.
+/// Runs `cfmmr completions`.
 pub fn run(args: &CompletionsArgs) -> Result<(), Error> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut cli::command(), "cfmmr", &mut script);

@@ -37,7 +37,7 @@ pub struct ConsistencyArgs {
     pub fusion: Vec<Fusion>,
 }
 
-/// Runs the command.
+/// Runs `cfmmr consistency`.
 pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
     let context = args.common.context("consistency")?;
     let mut variants = Variant::ALL.to_vec();

@@ -42,7 +42,7 @@ pub fn run(args: &DbcArgs) -> Result<(), Error> {
     }
 }
 
-/// The messages as a table in Markdown.
+/// Table of all bus messages, in Markdown.
 fn page() -> String {
     let mut text = String::from(
         "| id | message | from | period (ms) | timeout (ms) | meaning |\n|---|---|---|---|---|---|\n",
@@ -69,7 +69,7 @@ fn page() -> String {
     text
 }
 
-/// The load of the bus, message by message, as text.
+/// Bus load in total and of each message, as text.
 fn load() -> String {
     let mut table = Table::new(["id", "message", "sender", "bytes", "bits", "period", "load"]);
     let rate = BIT_RATE as f32;

@@ -34,7 +34,7 @@ const OLDEST_PYTHON: Version = [3, 10, 0];
 
 type Version = [u32; 3];
 
-/// Result of a check.
+/// Verdict on a tool or device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Finding {
@@ -66,7 +66,7 @@ pub struct Check {
     pub name: &'static str,
     /// True if simulation or hardware in the loop need the tool or device.
     pub needed: bool,
-    /// Result of the check.
+    /// Verdict on the tool or device.
     pub finding: Finding,
     /// Version, name or path; the error if there is none.
     pub found: String,
@@ -110,16 +110,16 @@ impl Check {
     }
 }
 
-/// The result of the command.
+/// Checks of this machine, the JSON output of `doctor`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DoctorReport {
     /// True if everything needed is installed.
     pub ok: bool,
-    /// All checks.
+    /// Checks of all tools and devices.
     pub checks: Vec<Check>,
 }
 
-/// Runs the command.
+/// Runs `cfmmr doctor`.
 pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     args.boards.check()?;
@@ -215,7 +215,7 @@ fn program_output(program: &str, arguments: &[&str]) -> io::Result<String> {
     }
 }
 
-/// First version number in a text.
+/// First version number in the output of a program, such as `rustc 1.90.0 (…)`; `None` without a version.
 fn version(text: &str) -> Option<Version> {
     text.split_whitespace().find_map(|word| {
         let word = word.trim_start_matches('v');
@@ -257,7 +257,7 @@ fn one_line(text: &str) -> String {
     line.chars().take(60).collect()
 }
 
-/// Toolchain that the workspace pins.
+/// Rust version in `rust-toolchain.toml`.
 fn pinned_toolchain() -> String {
     let text: toml::Table = toml::from_str(include_str!("../../../../rust-toolchain.toml"))
         .expect("the workspace's own file");
@@ -275,7 +275,7 @@ fn toolchain(name: &'static str) -> Check {
     program(name, &["--version"], oldest, &remedy)
 }
 
-/// C compiler of this machine, which Rust uses as linker.
+/// Checks the C compiler, which Rust uses as linker.
 fn linker() -> Check {
     let name = "cc";
     match program_output(name, &["--version"]) {
@@ -289,7 +289,7 @@ fn linker() -> Check {
     }
 }
 
-/// Compilation target of the boards.
+/// Checks that the compilation target of the boards is installed.
 fn target() -> Check {
     let remedy = format!("rustup target add {TARGET}");
     let arguments = ["--print", "target-libdir", "--target", TARGET];
@@ -318,7 +318,7 @@ const RUNNER_OPTIONS: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 /// Environment variable that replaces the runner in .cargo/config.toml.
 const RUNNER_VARIABLE: &str = "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUNNER";
 
-/// Runner of `cargo flash-axle` and `cargo flash-beam`; `replaced_by` is the value of [`RUNNER_VARIABLE`].
+/// Checks the runner of `cargo flash-axle` and `cargo flash-beam`; `replaced_by` is the value of [`RUNNER_VARIABLE`].
 fn runner(replaced_by: Option<&str>) -> Check {
     const NAME: &str = "runner of the boards";
     let complete = |runner: &str| RUNNER_OPTIONS.iter().all(|option| runner.contains(option));
@@ -339,7 +339,7 @@ fn runner(replaced_by: Option<&str>) -> Check {
     }
 }
 
-/// Debug probes of this machine: `probe-rs list` prints a line `[0]: NAME -- …` for each.
+/// Checks that a debug probe is connected: `probe-rs list` prints a line `[0]: NAME -- …` for each.
 fn probe() -> Check {
     const NAME: &str = "debug probe";
     let listed = program_output("probe-rs", &["list"]);
@@ -363,7 +363,7 @@ fn probe() -> Check {
     }
 }
 
-/// A serial port.
+/// Serial port of this machine.
 #[derive(Clone, Debug, PartialEq)]
 struct Port {
     path: PathBuf,
@@ -425,7 +425,7 @@ fn ports(found: &[Port]) -> Check {
     }
 }
 
-/// Python, for `tools/scripts/`.
+/// Checks Python, which runs `tools/scripts/`.
 fn python() -> Check {
     let remedy = "install Python 3 with venv and pip, for tools/scripts/";
     program("python3", &["--version"], OLDEST_PYTHON, remedy)

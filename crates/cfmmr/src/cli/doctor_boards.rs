@@ -12,7 +12,7 @@ use remote::Remote;
 use remote::board_log::BoardLog;
 use serde::Serialize;
 
-/// Report of a board.
+/// Health counters that a real board reports.
 #[derive(Debug, Default, Serialize)]
 struct BoardRow {
     board: &'static str,
@@ -30,7 +30,7 @@ struct BoardRow {
     error: Option<String>,
 }
 
-/// Result of the command.
+/// Reports of all boards, for the JSON output.
 #[derive(Debug, Serialize)]
 struct BoardsReport {
     ok: bool,

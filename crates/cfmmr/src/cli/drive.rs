@@ -49,7 +49,7 @@ const STEPS: Taken = &[
     ("mission.goal", "with drive: use the step goto"),
 ];
 
-/// Runs the command.
+/// Runs `cfmmr drive`.
 pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let mut context = args.common.context("drive")?;
     args.sensors.apply(&mut context.scenario);
@@ -102,7 +102,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     args.robot.run(&context, &mission, &args.log, threads)
 }
 
-/// Steps of the script or the command line.
+/// Steps to drive, from the script or the command line.
 fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
     let scenario = &context.scenario;
     match (&args.script, args.step.as_slice()) {

@@ -100,7 +100,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
     })
 }
 
-/// Runs the command.
+/// Runs `cfmmr faults`.
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let all = catalogue();
     let entries = chosen(&all, args)?;

@@ -34,7 +34,7 @@ pub struct CourseArgs {
 }
 
 impl CourseArgs {
-    /// Path with the options of the drive.
+    /// Options of a drive along `path`, from the command line.
     pub fn path_options(&self, path: &str) -> Result<PathOptions, Error> {
         Ok(PathOptions {
             path: path.to_owned(),
@@ -66,7 +66,7 @@ pub struct FollowArgs {
     pub robot: RobotArgs,
 }
 
-/// Runs the command.
+/// Runs `cfmmr follow` or `cfmmr track`.
 pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let mut context = args.common.context(follow::names(path_mode).0)?;
     let boards = &args.robot.boards;

@@ -6,7 +6,7 @@ use host_sim::base::spelling;
 use output::terminal;
 
 const PAGE: &str = include_str!("../../../../docs/glossary.md");
-/// Heading of an entry.
+/// Start of an entry's heading line in `docs/glossary.md`.
 const HEADING: &str = "\n## ";
 
 /// Arguments of `glossary`.
@@ -16,7 +16,7 @@ pub struct GlossaryArgs {
     pub word: Vec<String>,
 }
 
-/// Runs the command.
+/// Runs `cfmmr glossary`.
 pub fn run(args: &GlossaryArgs) -> Result<(), Error> {
     match args.word.is_empty() {
         true => terminal::print_page(PAGE),

@@ -55,7 +55,7 @@ pub struct HilArgs {
 /// Minimum run time, s.
 const MIN_DURATION_S: f64 = 20.0;
 
-/// Runs the command.
+/// Runs `cfmmr hil`.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = args.common.context("hil")?;
     args.boards.check()?;

@@ -16,7 +16,7 @@ pub struct KeysArgs {
     pub json: bool,
 }
 
-/// Default value of a key, in Markdown.
+/// Default value of a key, as a table cell in Markdown.
 fn markdown_value(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", shortest_decimal(*number)),

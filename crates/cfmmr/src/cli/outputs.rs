@@ -51,7 +51,7 @@ const RESULTS: &[&str] = &[
     "figure-8.png",
 ];
 
-/// Commands whose `--out` names a file.
+/// Commands whose `--out` names a file instead of a folder.
 const WITH_OUTPUT_FILE: [&str; 4] = ["dbc", "params", "calibrate", "replay"];
 
 /// File or folder that an argument names.
@@ -80,7 +80,7 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
     }
 }
 
-/// Files and folders that a command line names.
+/// File and folder arguments of a parsed command line.
 fn named(command: &str, matches: &ArgMatches) -> Vec<Named> {
     let mut named = Vec::new();
     let mut add = |id: &str, is_output: bool| {

@@ -18,7 +18,7 @@ pub struct PaperArgs {
     pub run: RunArgs,
 }
 
-/// Runs the command.
+/// Runs `cfmmr paper`.
 pub fn run(args: &PaperArgs) -> Result<(), Error> {
     let [_, with_gauges] = paper::scenarios()?;
     let context = args

@@ -115,7 +115,7 @@ pub struct ParamsImport {
     pub target: ParamsTarget,
 }
 
-/// Runs the command.
+/// Runs `cfmmr params`.
 pub fn run(args: &ParamsArgs) -> Result<(), Error> {
     match &args.action {
         ParamsAction::List(target) => show(target, &TABLE.iter().collect::<Vec<_>>()),
@@ -126,7 +126,7 @@ pub fn run(args: &ParamsArgs) -> Result<(), Error> {
     }
 }
 
-/// Parameter of a board in the JSON result.
+/// Parameter of a board in the JSON output.
 #[derive(Debug, Serialize)]
 struct ParameterRow {
     board: &'static str,
@@ -262,7 +262,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     json.print(&text)
 }
 
-/// Source of a value, in words.
+/// Source of a parameter's value in words; "not saved" if the flash does not hold the value.
 fn state(source: Source, saved: bool) -> &'static str {
     match (source, saved) {
         (_, false) => "not saved",

@@ -54,7 +54,7 @@ pub struct PostureArgs {
 /// Default number of trials per row.
 const TRIALS: u32 = 50;
 
-/// Runs the command.
+/// Runs `cfmmr posture`.
 pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let outside = args.robot.boards.on.is_outside();
     if outside && (args.trials.is_some() || args.rows.is_some()) {

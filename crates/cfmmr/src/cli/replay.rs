@@ -24,7 +24,7 @@ pub struct ReplayArgs {
     pub json: JsonArgs,
 }
 
-/// Runs the command.
+/// Runs `cfmmr replay`.
 #[cfg(feature = "full")]
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     use crate::experiments::replay::{ReplayOptions, run};

@@ -48,7 +48,7 @@ pub struct SoakArgs {
 /// Number of time windows in the report.
 const WINDOWS: u64 = 10;
 
-/// Content of the JSON file.
+/// Content of the JSON file: the soak and the boards' reports.
 #[derive(Clone, Debug, Serialize)]
 struct Measured {
     #[serde(flatten)]
@@ -60,7 +60,7 @@ struct Measured {
     problems: Vec<String>,
 }
 
-/// Table row of a time window.
+/// Row of a time window in the report's table.
 fn row(window: &Window) -> String {
     let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
     let error = window.position_m.map(|error| 1e2 * error);
@@ -155,7 +155,7 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     text
 }
 
-/// Last sentences of the report: the limits that hold, or the failures.
+/// Verdict below the report's table: the limits that hold, or the failures.
 fn verdict(ticks: u64, problems: &[String]) -> String {
     let trend = match ticks >= MIN_TREND_TICKS {
         true => "The NIS does not rise by more than three standard errors and a tenth of its mean; a fall is\n\
@@ -174,7 +174,7 @@ fn verdict(ticks: u64, problems: &[String]) -> String {
     }
 }
 
-/// Runs the command.
+/// Runs `cfmmr soak`.
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     if !args.ticks.is_multiple_of(10) {

@@ -313,7 +313,7 @@ fn strains(view: &View, width: u16) -> String {
     }
 }
 
-/// Faults so far with remedies, oldest first, then degradations and notices; limited to `height` lines.
+/// Faults of the run with remedies, oldest first, then degradations and notices; limited to `height` lines.
 fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let idle = view.idle_stop.iter().map(|text| (text.clone(), CAUTION));
     let faults = view.faults.iter().map(|f| fault(view, f));

@@ -30,7 +30,7 @@ const MAX_TRAIL_POINTS: usize = 400;
 /// Polling interval of the keys after the run.
 const KEY_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Fails if standard input or output is not a terminal.
+/// Fails if standard input or standard output is not a terminal.
 pub fn check() -> Result<(), Error> {
     match is_interactive() {
         true => Ok(()),

@@ -57,7 +57,7 @@ impl Terminal {
         })
     }
 
-    /// Replaces the view.
+    /// Sets the view that the drawing thread shows from the next picture on.
     pub fn show(&self, view: View) {
         *self
             .shared
@@ -109,7 +109,7 @@ impl Shared {
         }
     }
 
-    /// Reads keys until the next picture is due.
+    /// Handles keys until the next picture is due at `next`.
     fn listen(&self, next: Instant) -> io::Result<()> {
         loop {
             let left = next.saturating_duration_since(Instant::now());
@@ -151,7 +151,7 @@ fn await_input(limit: Duration) -> io::Result<bool> {
     }
 }
 
-/// Action of a key; `None` for a key without action.
+/// Action of a pressed key; `None` if the key has no action.
 fn key_of(pressed: &KeyEvent) -> Option<Key> {
     let control = pressed.modifiers.contains(KeyModifiers::CONTROL);
     if pressed.kind == KeyEventKind::Release {

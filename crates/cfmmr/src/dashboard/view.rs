@@ -9,7 +9,7 @@ use host_sim::run::recovery::{Monitor, Status};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::targets::BoardTraffic;
 
-/// State of a node at one instant.
+/// Latest heartbeat and notices of a node, for the display.
 #[derive(Clone, Debug, Default)]
 pub struct NodeView {
     /// Name of the node.
@@ -20,14 +20,14 @@ pub struct NodeView {
     pub noticed: Conditions,
 }
 
-/// State of a run at one instant.
+/// Everything that the dashboard shows at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct View {
     /// Title of the run.
     pub title: String,
     /// Simulated time, s.
     pub time_s: f64,
-    /// Number of ticks that began more than one tick late.
+    /// Number of ticks that began more than one tick behind real time.
     pub late_ticks: u32,
     /// Largest delay of a tick, s.
     pub most_late_s: f64,
@@ -49,7 +49,7 @@ pub struct View {
     pub record: Record,
     /// Estimated path of the midpoint, m.
     pub trail: Vec<[f64; 2]>,
-    /// True if a simulation is paused, and its speed in multiples of real time.
+    /// True if the simulation is paused, and its speed in multiples of real time; `None` if the run cannot be paused.
     pub pace: Option<(bool, f64)>,
     /// Command of a drive by keyboard.
     pub hand: Option<Hand>,

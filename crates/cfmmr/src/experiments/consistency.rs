@@ -25,7 +25,7 @@ use serde::Serialize;
 use view::plot::{Figure, Height, Panel};
 use view::style::{BAND, series};
 
-/// Components of a posture's error.
+/// Degrees of freedom of a posture's error: x, y and heading.
 pub const DEGREES: usize = 3;
 /// Probability that the mean NEES of a consistent estimator is in the band, and a single NEES below the quantile.
 pub const PROBABILITY: f64 = 0.95;
@@ -54,7 +54,7 @@ impl EstimateCheck {
     }
 }
 
-/// Checks of one run, every [`INTERVAL`] epochs and at the end.
+/// Estimate checks of one run, every [`INTERVAL`] epochs and at the end.
 #[derive(Clone, Debug, Default)]
 struct RunChecks {
     path: Vec<[EstimateCheck; 3]>,
@@ -117,7 +117,7 @@ pub enum BandPosition {
 }
 
 impl BandPosition {
-    /// Position of the value `mean` relative to the bounds of a band.
+    /// Position of the mean NEES `mean` relative to the bounds of the band.
     pub fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
         if mean < low {
             Self::Below
@@ -142,7 +142,7 @@ pub enum Statement {
 }
 
 impl Statement {
-    /// Verdict from the positions of both axles' mean NEES.
+    /// Verdict from the band positions of front and rear axle.
     pub fn of(axles: [BandPosition; 2]) -> Self {
         if axles.contains(&BandPosition::Above) {
             Self::Overconfident
@@ -194,7 +194,7 @@ impl BodyConsistency {
     }
 }
 
-/// Front axle, rear axle and O at one instant.
+/// Consistency of front axle, rear axle and O at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct InstantConsistency {
     /// Time since the beginning of the task, s.
@@ -221,13 +221,13 @@ impl InstantConsistency {
         }
     }
 
-    /// Front axle, rear axle, O.
+    /// Consistency of front axle, rear axle and O, in the order of [`BODIES`].
     pub fn bodies(&self) -> [&BodyConsistency; 3] {
         [&self.front, &self.rear, &self.midpoint]
     }
 }
 
-/// Result of one configuration.
+/// Consistency of one configuration, from all its runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConsistencyRow {
     /// True if the relative position sensor was fitted.
@@ -240,7 +240,7 @@ pub struct ConsistencyRow {
     pub statement: Statement,
     /// Numbers of runs by end. Every run is evaluated, whatever its end.
     pub ends: Ends,
-    /// End of the runs; `time_s` is the mean end time.
+    /// Consistency at the end of the runs; `time_s` is the mean end time.
     pub end: InstantConsistency,
     /// Mean NEES of front, rear and O over runs and instants of the path.
     pub path_mean: [f64; 3],
@@ -252,7 +252,7 @@ pub struct ConsistencyRow {
     pub path: Vec<InstantConsistency>,
 }
 
-/// Result of the command.
+/// Consistency of all configurations, the JSON output of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConsistencyReport {
     /// Runs of each configuration.
@@ -265,7 +265,7 @@ pub struct ConsistencyReport {
     pub band: [f64; 2],
     /// χ² quantile: bound of the NEES of one run.
     pub quantile: f64,
-    /// Results by configuration.
+    /// One row per configuration.
     pub rows: Vec<ConsistencyRow>,
 }
 
@@ -394,7 +394,7 @@ fn csv(report: &ConsistencyReport) -> Csv {
     csv::CsvRow::table(rows)
 }
 
-/// Fusions of the picture, in the order of their colours.
+/// Fusions in the picture, in the order of their colours.
 const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
 /// NEES over time: a row of panels for each body, the left panel without and the right panel with inertial sensors.

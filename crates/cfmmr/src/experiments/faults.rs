@@ -20,7 +20,7 @@ const TIMES: [u64; 3] = [400, 900, 1600];
 /// Times of a fault on in-process boards, ms after the start of the task: during planning and start, under way with the
 /// frame bent, and close to the goal.
 const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
-/// All runs of one fault.
+/// Outcomes and time limits of all runs with one fault.
 #[derive(Clone, Debug, Serialize)]
 pub struct FaultRow {
     /// Name of the fault.
@@ -121,7 +121,7 @@ impl FaultRow {
     }
 }
 
-/// Result of the campaign.
+/// Outcomes of the fault campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct FaultsReport {
     /// World of the runs; in JSON a field of `run`.
@@ -132,12 +132,12 @@ pub struct FaultsReport {
     /// True if Ctrl-C ended the campaign early.
     #[serde(skip)]
     pub interrupted: bool,
-    /// Results by fault.
+    /// One row per fault.
     pub rows: Vec<FaultRow>,
 }
 
 impl FaultsReport {
-    /// Report as Markdown.
+    /// The report as a page in Markdown.
     pub fn markdown(&self) -> String {
         let seconds = |[a, b, c]: [u64; 3]| {
             let [a, b, c] = [a, b, c].map(|ms| ms as f64 * 1e-3);
@@ -254,7 +254,7 @@ fn covers(page: &str, row: &str) -> bool {
             .all(|code| code.is_empty() || known_codes.contains(&code))
 }
 
-/// All runs of the given faults.
+/// Runs to execute for the given faults: each fault at each of its times with each seed.
 fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<FaultCase<'a>> {
     let mut cases = Vec::new();
     for entry in entries {
@@ -274,7 +274,7 @@ fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<FaultCase<'a
     cases
 }
 
-/// Executes all runs on the threads of the current pool.
+/// Executes the runs of the given faults on the threads of the current pool.
 pub fn campaign(
     campaign: &Campaign,
     entries: &[&Entry],

@@ -41,7 +41,7 @@ pub const MAX_ROWS: usize = 20_000;
 /// Minimum distance between two drawn robots in the picture, m.
 const APART_M: f64 = 0.65;
 
-/// Result of the commands.
+/// Path errors of a run of `follow` or `track`, for the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FollowReport {
     /// Name or file of the path, as typed.
@@ -56,10 +56,10 @@ pub struct FollowReport {
     pub imu: bool,
     /// Name of the fusion.
     pub fusion: &'static str,
-    /// Errors of the true midpoint.
+    /// Path errors of the true midpoint.
     #[serde(flatten)]
     pub truth: Errors,
-    /// Errors of the estimated midpoint.
+    /// Path errors of the estimated midpoint.
     pub estimate: Errors,
     /// Largest |curvature| of the path, 1/m.
     pub path_curvature: f64,
@@ -71,7 +71,7 @@ pub struct FollowReport {
     pub end: RunEnd,
 }
 
-/// Name and title of the command.
+/// Command of a path mode, and title of its report.
 pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
     match path_mode {
         PathMode::Follow => ("follow", "Path following"),
@@ -143,7 +143,7 @@ pub fn prepare(options: &PathOptions, scenario: &mut Scenario) -> Result<Course,
     })
 }
 
-/// Table, result and files of a run.
+/// Text table, JSON report and files of a run along a path.
 pub fn publish(
     context: &Context,
     course: &Course,
@@ -209,7 +209,7 @@ pub fn publish(
     Ok((table(&heading, &report, outcome), report, files))
 }
 
-/// Data of the run's picture.
+/// Curves and robots in the picture of a run.
 fn followed(
     route: &Route,
     path_mode: PathMode,
@@ -237,7 +237,7 @@ fn followed(
     }
 }
 
-/// Rows of the page's summary.
+/// Names and values in the summary of the report page.
 fn summary(report: &FollowReport) -> Vec<(String, String)> {
     let row = |name: &str, value: String| (name.to_owned(), value);
     let errors = |errors: &Errors| {
@@ -310,7 +310,7 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     shown.into_iter().map(Snapshot::of).collect()
 }
 
-/// Errors over time as a table.
+/// Path errors over time, as the CSV file.
 fn errors(moments: &[PathEpoch]) -> Csv {
     csv::CsvRow::table(moments.iter().map(|moment| {
         let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);

@@ -121,7 +121,7 @@ impl Workers {
     }
 }
 
-/// Scenario, seed and destinations of an experiment, from the command line.
+/// Scenario, seed and destinations of an experiment, as the command line gives them.
 pub struct Inputs {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,
@@ -137,7 +137,7 @@ pub struct Inputs {
     pub json: Json,
 }
 
-/// Scenario, threads and output of an experiment.
+/// Scenario, threads and output folder of an experiment that runs.
 pub struct Context {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,
@@ -215,7 +215,7 @@ impl Context {
         )
     }
 
-    /// Path of the folder for result files.
+    /// Path of the output folder, which may not exist.
     pub fn folder(&self) -> &Path {
         &self.out
     }
@@ -267,7 +267,7 @@ impl Context {
         }
     }
 
-    /// Dimensions of the robot for pictures.
+    /// Dimensions of the robot in pictures.
     pub fn body(&self) -> Body {
         Body::of(&self.scenario.world.plant)
     }

@@ -29,7 +29,7 @@ const REDUCTIONS: [f64; 3] = [10.0, 58.0, 52.0];
 /// Paper section VII B, figure 8: final e (m), θ and α (rad) according to odometry.
 const FIGURE_8: [f64; 3] = [0.015, 0.035, 0.18];
 
-/// The result of the command.
+/// Figures of the repeated experiment, the JSON output of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PaperReport {
     /// Trials in each row.
@@ -49,7 +49,7 @@ pub fn scenarios() -> Result<[Scenario; 2], Error> {
     Ok(ROWS.map(|variant| variant.apply(&scenario)))
 }
 
-/// e (cm), θ and α (°) of a row as mean and standard deviation.
+/// Distance e (cm), angles θ and α (°) of a row, each as mean and standard deviation.
 pub fn figures(row: &PostureRow) -> [[f64; 2]; 3] {
     let degrees = |angle: f64| angle.to_degrees();
     [
@@ -59,7 +59,7 @@ pub fn figures(row: &PostureRow) -> [[f64; 2]; 3] {
     ]
 }
 
-/// Runs the trials and publishes the result.
+/// Runs the trials of both rows, prints the comparison with the paper and writes the files.
 pub fn run(context: &Context, seeds: Seeds) -> Result<(), Error> {
     let scenarios = scenarios()?;
     let blocks = trials::run(&context.workers, &scenarios, seeds, |_| true)?;
@@ -120,7 +120,7 @@ fn estimated(block: &[Trial], goal: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| mean(&errors.iter().map(|error| error[k]).collect::<Vec<_>>()))
 }
 
-/// Verdict and tables.
+/// Verdict and tables, as the command prints them.
 fn screen(context: &Context, report: &PaperReport) -> String {
     let percent = |values: [f64; 3]| values.map(|value| format!("{value:.0} %"));
     let [ours, papers] = [report.reductions, REDUCTIONS].map(percent);

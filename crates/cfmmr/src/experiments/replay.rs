@@ -37,7 +37,7 @@ pub struct ReplayOptions {
     pub with: Option<PathBuf>,
 }
 
-/// Record of a board.
+/// Length of a board's record in the log, and its interruptions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardRecordSummary {
     /// Front, rear or beam.
@@ -66,12 +66,12 @@ impl BoardRecordSummary {
     }
 }
 
-/// Result of a replay.
+/// Differences of a replay from the log, or estimate errors with other parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReplayReport {
     /// Ticks of the board with the longest record.
     pub ticks: usize,
-    /// Record of each board.
+    /// Length of each board's record.
     pub boards: Vec<BoardRecordSummary>,
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
@@ -83,7 +83,7 @@ pub struct ReplayReport {
     pub with: Option<Quality>,
 }
 
-/// Replays a log; returns the result and its text.
+/// Replays a log; returns the report and its text.
 pub fn run(options: &ReplayOptions) -> Result<(ReplayReport, String), Error> {
     let name = options.log.display().to_string();
     let robot = read::ROBOT;

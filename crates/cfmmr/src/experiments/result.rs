@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Options with a value that do not change the result.
 const WITHOUT_EFFECT: [&str; 3] = ["--threads", "--out", "--json"];
 
-/// Everything that a result depends on.
+/// Everything that a result depends on, written beside the result.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub struct Provenance<'a> {
@@ -33,7 +33,7 @@ pub struct Provenance<'a> {
 }
 
 impl Default for Provenance<'_> {
-    /// Provenance of a command without a scenario.
+    /// Provenance of this command without scenario and seed.
     fn default() -> Self {
         Self {
             command: command_line(arguments()),
@@ -66,7 +66,7 @@ impl<'a> Provenance<'a> {
         }
     }
 
-    /// Result with its provenance, as JSON.
+    /// JSON text of a result with its provenance.
     pub fn json(&self, result: &impl Serialize) -> String {
         #[derive(Serialize)]
         struct Whole<'a, T> {
@@ -84,7 +84,7 @@ fn arguments() -> impl Iterator<Item = String> {
     given.map(|word| word.to_string_lossy().into_owned())
 }
 
-/// Command line as typed, without options that do not change the result.
+/// Command line for the provenance: as typed, without options that do not change the result.
 fn command_line(arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["cfmmr".to_owned()];
     let mut arguments = arguments.peekable();
@@ -98,7 +98,7 @@ fn command_line(arguments: impl Iterator<Item = String>) -> String {
     words.join(" ")
 }
 
-/// Prints a warning on standard error if the end is uncertain.
+/// Prints a warning on standard error if the end is uncertain; `what` names the run.
 pub fn warn(end: &RunEnd, what: &str) {
     if let Some(warning) = end.warning() {
         note(format!("cfmmr: {what}: {warning}"));

@@ -66,7 +66,7 @@ pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error
     Ok(scenario)
 }
 
-/// Results of one window of the run.
+/// Estimator consistency, goals and memory in one window of the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Window {
     /// Last tick of the window.
@@ -97,7 +97,7 @@ pub struct Window {
     pub resident_kib: Option<u64>,
 }
 
-/// Linear trend of values over time.
+/// Least-squares line through values over the run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// Mean of the values.
@@ -137,14 +137,14 @@ impl Drift {
     }
 }
 
-/// Result of a soak.
+/// Windows, trend and faults of a soak.
 #[derive(Clone, Debug, Serialize)]
 pub struct SoakReport {
-    /// Number of ticks.
+    /// Number of simulated ticks.
     pub ticks: u64,
     /// Windows of equal length.
     pub windows: Vec<Window>,
-    /// Trend of the NIS.
+    /// Trend of the beam's NIS; `None` with less than three pieces of the run.
     pub nis: Option<Drift>,
     /// Number of stops by the name of their first reason.
     pub faults: BTreeMap<&'static str, u64>,
@@ -214,7 +214,7 @@ impl SoakReport {
     }
 }
 
-/// Sums over a window or a piece.
+/// Sums and maxima over a window, or over a piece of a window.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     nis: f64,
@@ -251,23 +251,23 @@ impl Sums {
     }
 }
 
-/// Resident memory of this process, KiB.
+/// Resident memory of this process, KiB; `None` without /proc.
 fn resident_kib() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Stage of the drive.
+/// Phase of the drive to the next goal.
 #[derive(Clone, Copy, Debug)]
 enum DrivePhase {
     /// At rest until this tick.
     Resting(u64),
-    /// Driving since this tick.
+    /// Driving to a goal since this tick.
     Driving(u64),
 }
 
-/// State of a soak.
+/// Drive from goal to goal, with sums of the estimates' errors.
 struct Soak<'a> {
     ticks: u64,
     windows: u64,

@@ -14,7 +14,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// Options with their values.
+/// Option names with their values.
 type Options = &'static [(&'static str, &'static str)];
 
 /// Options that shorten a command, and why the short command tests the same.
@@ -58,7 +58,7 @@ const STUDY: &[(&str, &str)] = &[
     ("time_limit_s = 60.0", "time_limit_s = 5.0"),
 ];
 
-/// Check that replaces running a command.
+/// Check that is made instead of running a command.
 enum Check {
     /// The alias is in `.cargo/config.toml`.
     Alias,
@@ -97,7 +97,7 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("rerun ", Check::Nothing, "a viewer from elsewhere"),
 ];
 
-/// Ports of real boards.
+/// Start of the paths of real boards' serial ports.
 const HARDWARE: &str = "/dev/tty";
 
 /// Placeholders in the commands of the text, and their values.
@@ -134,7 +134,7 @@ fn arguments(words: &[String]) -> Option<&[String]> {
     }
 }
 
-/// Parses the arguments as the program does.
+/// Parses arguments by the parser of `cfmmr`.
 fn parse(arguments: &[String]) -> Result<(), String> {
     let name = "cfmmr".to_owned();
     match Cli::try_parse_from(std::iter::once(&name).chain(arguments)) {
@@ -153,7 +153,7 @@ fn set(arguments: &mut Vec<String>, option: &str, value: &str) {
     arguments.extend([option.to_owned(), value.to_owned()]);
 }
 
-/// Arguments with the options of [`SHORTER`].
+/// Arguments with the shortening options of [`SHORTER`].
 fn shorter(arguments: &[String]) -> Vec<String> {
     let mut arguments = arguments.to_vec();
     for (command, options, _) in SHORTER {

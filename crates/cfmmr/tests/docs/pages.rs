@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A block of code.
+/// Fenced block of code in a page.
 pub struct Block {
     /// Words after the fence: language, and the name of the file to write.
     pub info: Vec<String>,

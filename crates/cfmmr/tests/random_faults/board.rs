@@ -16,7 +16,7 @@ use host_sim::targets::{
 };
 use std::sync::{Arc, Mutex};
 
-/// Results of the checks of all boards.
+/// Violations and events that the checks of all boards found.
 #[derive(Debug, Default)]
 pub struct Findings {
     pub violation: Option<(u32, Violation)>,
@@ -30,14 +30,14 @@ pub struct Findings {
     pub refused: u32,
 }
 
-/// Checks of the nodes of a board.
+/// Invariant checks of the nodes on a board.
 enum BoardChecks {
     Front(AxleChecks, LeadChecks),
     Rear(AxleChecks),
     Beam(BeamChecks),
 }
 
-/// Board whose nodes are checked.
+/// In-process board whose nodes are checked at every tick.
 pub struct CheckedBoard {
     role: Role,
     plan: Arc<Plan>,
@@ -95,7 +95,7 @@ impl CheckedBoard {
         }
     }
 
-    /// Steps the nodes and checks them.
+    /// Steps the nodes and checks their state and outputs.
     fn step(
         &mut self,
         tick: u32,

@@ -32,13 +32,13 @@ const STOPS: [(Condition, u32); 6] = [
 const STOP_MS: u32 = 2001;
 /// Timeout of the lead's mode and of references, after which an axle stops, ms.
 const COMMAND_MS: u32 = 60;
-/// Timeout of heartbeats, after which a node is lost, ms.
+/// Age above which a heartbeat no longer proves that its node is alive, ms.
 const HEARTBEAT_MS: u32 = 50;
 
 /// Period of the messages, ms.
 const EPOCH_MS: u32 = 10;
 
-/// Violated invariant, with values.
+/// Text that names the violated invariant and its values.
 pub type Violation = String;
 
 fn is_off(state: OperatingState) -> bool {
@@ -56,7 +56,7 @@ fn has_non_finite(value: &dyn std::fmt::Debug) -> bool {
     text.contains("NaN") || text.contains(" inf") || text.contains("-inf") || text.contains("[inf")
 }
 
-/// State of a node at the previous tick, with history.
+/// Operating state of a node at the previous tick, with its latched stop and message times.
 #[derive(Debug)]
 struct StateHistory {
     state: OperatingState,
@@ -138,7 +138,7 @@ fn older(at: Option<u32>, tick: u32, ms: u32) -> bool {
     at.is_none_or(|at| tick - at > ms)
 }
 
-/// Checks of an axle node.
+/// Invariants of an axle node.
 pub struct AxleChecks {
     axle: AxleId,
     limit_nm: f32,
@@ -229,7 +229,7 @@ impl AxleChecks {
         Ok(!drives(before) && drives(state))
     }
 
-    /// Checks the reactions to conditions whose hold time has passed.
+    /// Checks that the axle reacted to each condition whose hold time has passed.
     fn conditions(
         &mut self,
         tick: u32,
@@ -297,7 +297,7 @@ impl AxleChecks {
     }
 }
 
-/// Checks of the lead node.
+/// Invariants of the lead node.
 pub struct LeadChecks {
     history: StateHistory,
     /// True if the latest task is to clear faults.
@@ -326,7 +326,7 @@ impl LeadChecks {
         }
     }
 
-    /// Checks a step; true if the robot begins to drive.
+    /// Checks the lead's output at one tick; true if the robot begins to drive.
     pub fn step(
         &mut self,
         tick: u32,
@@ -355,7 +355,7 @@ impl LeadChecks {
     }
 }
 
-/// Checks of the beam node.
+/// Invariants of the beam node: history of its state, and the mode of the lead.
 pub struct BeamChecks(StateHistory, Option<LeadMode>);
 
 impl BeamChecks {

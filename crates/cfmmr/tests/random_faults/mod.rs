@@ -27,7 +27,7 @@ fn from_environment(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
-/// Totals and maxima over all runs.
+/// Totals and maxima over all runs, printed at the end.
 #[derive(Debug, Default)]
 struct Figures {
     /// Time with motors on, summed over the axles, ms.

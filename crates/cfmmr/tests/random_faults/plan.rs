@@ -41,7 +41,7 @@ pub enum SensorFault {
     BridgeNoise(i32),
 }
 
-/// Fault of the bus at one board.
+/// Disturbance of the bus traffic of one board.
 #[derive(Clone, Copy, Debug)]
 pub enum BusFault {
     /// The board receives nothing.
@@ -54,7 +54,7 @@ pub enum BusFault {
     Late(u32),
 }
 
-/// Faults and commands of a run.
+/// Faults and commands of a run, drawn from its seed.
 #[derive(Debug)]
 pub struct Plan {
     pub changes: Vec<String>,
@@ -168,7 +168,7 @@ impl Draw {
         Role::PAIR[self.below(3)]
     }
 
-    /// Span of at most `most_ms`; short spans are more likely.
+    /// Random span of at most `most_ms`; short spans are more likely.
     fn span(&mut self, most_ms: u32) -> Span {
         let from = self.0.random_range(200..RUN_MS);
         let share = self.between(0.0, 1.0);
@@ -176,7 +176,7 @@ impl Draw {
         Span(from, from + length)
     }
 
-    /// Bus fault of one board, or of all boards at a time.
+    /// Draws a bus fault of one board, or of all boards at a time.
     fn bus(&mut self) -> Vec<(Role, BusFault, Span)> {
         let (fault, span) = match self.below(4) {
             0 => (BusFault::ReceiveNothing, self.span(400)),
@@ -264,7 +264,7 @@ impl Draw {
         Posture::new(x, y, phi)
     }
 
-    /// Number within ±`limit`, or with probability 0.25 one of [`EXTREME_NUMBERS`].
+    /// Draws a number within ±`limit`, or with probability 0.25 one of [`EXTREME_NUMBERS`].
     fn number(&mut self, limit: f64) -> f32 {
         match self.happens(0.25) {
             true => EXTREME_NUMBERS[self.below(EXTREME_NUMBERS.len())],
@@ -453,5 +453,5 @@ impl SampleFaults {
     }
 }
 
-/// Largest count of the bridge converter.
+/// Largest magnitude of a bridge reading, counts.
 const FULL_SCALE: i32 = (1 << 14) - 1;

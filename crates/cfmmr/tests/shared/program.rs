@@ -16,7 +16,7 @@ pub const RUN_FILES: [&str; 4] = [
     "board-beam.log",
 ];
 
-/// Exit code and texts of a run of `cfmmr`.
+/// Exit code, standard output and standard error of a run of `cfmmr`.
 pub struct Run {
     pub code: Option<i32>,
     pub out: String,
@@ -35,7 +35,7 @@ impl From<Output> for Run {
 }
 
 impl Run {
-    /// Checks the exit code.
+    /// Checks the exit code and returns the run.
     #[track_caller]
     pub fn ends_with(self, code: i32) -> Self {
         assert_eq!(self.code, Some(code), "{}{}", self.out, self.error);

@@ -29,14 +29,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Epochs between two messages of the scene.
+/// Number of epochs between two messages of the scene.
 const SCENE_EPOCHS: u64 = 5;
 /// Epochs between two points of the path driven so far, and between two messages of that path.
 const TRUE_PATH_EPOCHS: [u64; 2] = [10, 100];
 /// Approximate limit of points in a message of the driven path; a longer path is thinned.
 const TRUE_PATH_POINTS: usize = 300;
 
-/// Approximate limit of points of the reference path.
+/// Approximate limit of points in a message of the reference path.
 const REFERENCE_POINTS: usize = 2_000;
 
 /// Log time of a message from simulated time, ns.
@@ -48,7 +48,7 @@ fn nanos(tick: u32) -> u64 {
     u64::from(tick) * 1_000_000
 }
 
-/// Channel of a log for messages in JSON.
+/// Channel of a log for one topic with messages in JSON.
 struct Json {
     channel: Arc<RawChannel>,
     /// True if the log goes to a file, which takes all messages; viewers take only subscribed topics.
@@ -76,7 +76,7 @@ impl Json {
             .map_err(failed)
     }
 
-    /// Opens a channel for one topic of each board.
+    /// Opens the channels of the topic `what` of each board.
     fn of_boards(
         sink: &Sink,
         topics: &[Topic],
@@ -101,12 +101,12 @@ impl Json {
     }
 }
 
-/// Channel for messages of one of Foxglove's schemas.
+/// Opens a channel for messages with a schema of Foxglove.
 fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
     ChannelBuilder::new(topic).context(sink.context()).build()
 }
 
-/// MCAP file being written.
+/// Log of a run, to a file or to live viewers.
 pub struct Mcap {
     sink: Sink,
     robot: Topology,
@@ -333,7 +333,7 @@ impl Mcap {
         }
     }
 
-    /// Writes a log message if a node's state or reason has changed.
+    /// Writes a text message about a heartbeat if state or reason of the node has changed.
     fn status(&mut self, tick: u32, status: Status) {
         let Some(place) = self.robot.place_of_node(status.node) else {
             return;
@@ -364,7 +364,7 @@ impl Mcap {
         self.log.log_with_meta(&log, at(time));
     }
 
-    /// Writes the estimate and the true state at the end of an epoch.
+    /// Writes the topics that contain the estimate and the true state, at the end of an epoch.
     pub fn write_epoch(&mut self, record: &Record) {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
@@ -392,7 +392,7 @@ impl Mcap {
         self.epochs += 1;
     }
 
-    /// Writes the true state of a simulated robot.
+    /// Writes the topics that contain the true state of a simulated robot.
     fn write_truth(&mut self, record: &Record, time: u64) {
         let robot = Pose::from(record.midpoint);
         let pose = standard::in_world(time, &robot);
@@ -417,7 +417,7 @@ impl Mcap {
         }
     }
 
-    /// Writes the metadata at the end of the run.
+    /// Writes the metadata records about boards and end of the run.
     fn metadata(&mut self) {
         let mut with_boards = false;
         for (role, board) in self.robot.boards().zip(std::mem::take(&mut self.boards)) {
@@ -437,7 +437,7 @@ impl Mcap {
         self.sink.metadata(END, &end);
     }
 
-    /// Finishes the file of a run.
+    /// Completes the log with the end of the run.
     pub fn close(&mut self, end: &RunEnd) -> Result<(), Error> {
         self.end = end.clone();
         self.whole = true;

@@ -47,7 +47,7 @@ impl Gate {
         Ok(gate)
     }
 
-    /// Address with the chosen port.
+    /// Address at which the gate listens, with the port that the system chose.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -101,7 +101,7 @@ fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::R
     copied.map(drop)
 }
 
-/// Received bytes up to at least the end of the HTTP head.
+/// Bytes received from a connection, at least up to the end of the HTTP head.
 fn head(from: &mut TcpStream) -> io::Result<Vec<u8>> {
     let (mut head, mut buffer) = (Vec::new(), [0; 2048]);
     while !head.windows(4).any(|end| end == b"\r\n\r\n") {

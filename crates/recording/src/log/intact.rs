@@ -10,9 +10,9 @@ use std::io::{self, Read, Seek, SeekFrom};
 /// Iterator over records in memory: operation, position of the first byte, content; or an error for a truncated
 /// record.
 pub(super) struct Records<'a> {
-    /// Bytes of the records.
+    /// Bytes of consecutive records.
     pub bytes: &'a [u8],
-    /// Position of the next record.
+    /// Position of the next record in `bytes`.
     pub at: usize,
 }
 

@@ -15,10 +15,10 @@ use std::{mem, thread};
 /// Polling interval while waiting for a viewer.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Timeout at the end of a run for viewers to take the queued messages.
+/// Time that viewers have at the end of a run to take the queued messages.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Subscriptions since the last call of [`Server::joined`], and true once a viewer has subscribed.
+/// Subscriptions since the preceding call of [`Server::joined`], and a flag that is true once a viewer has subscribed.
 #[derive(Default)]
 struct Viewers {
     joined: Mutex<Vec<(ChannelId, SinkId)>>,
@@ -93,7 +93,7 @@ impl Server {
         self.handle.broadcast_time(nanos);
     }
 
-    /// Subscriptions since the last call: channel and viewer.
+    /// Channel and viewer of each subscription since the preceding call.
     pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
         let joined = self.viewers.joined.lock();
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))

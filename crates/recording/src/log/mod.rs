@@ -18,7 +18,7 @@ use host_sim::base::error::Error;
 use output::files;
 use sink::Sink;
 
-/// Checks the path of the log.
+/// Checks that the log file can be written.
 pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
     match &to.log {
         Some(path) => Ok(files::try_file(path)?),
@@ -26,7 +26,7 @@ pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
     }
 }
 
-/// Opens the log file and the server, as `to` demands.
+/// Opens the log file and the live server; `None` if neither is demanded by `to`.
 pub(crate) fn open(to: &Destinations, about: &About) -> Result<Option<Mcap>, Error> {
     let mut sink = to.log.as_deref().map(Sink::to_file).transpose()?;
     if let Some(address) = to.live {

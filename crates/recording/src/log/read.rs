@@ -30,7 +30,7 @@ use std::io::{Cursor, Read, Seek};
 /// Limit of the delay of the lead node's output after the front board's tick in a log, ms; a later output is an error.
 pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
-/// Event of a board in a log.
+/// Start, loss, command or tick of a board in a log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// The nodes of the board were started.
@@ -39,19 +39,19 @@ pub enum Event {
         tick: u32,
         /// Parameters of the nodes.
         config: Box<RobotConfig>,
-        /// Initial estimate of the lead node; `None` without one.
+        /// Initial estimate of the lead node; `None` without an estimate.
         place: Option<Box<Placement>>,
     },
     /// The board was switched off or lost, or its record ended: tick (ms) and reason.
     Off(u32, String),
     /// The lead node received a command before this tick, ms.
     Command(u32, HostCommand),
-    /// A tick of the board.
+    /// Inputs and outputs of the board at a tick.
     Tick(Box<RecordedTick>),
 }
 
 impl Event {
-    /// Parameters of a start; `None` for other events.
+    /// Parameters of the nodes if the event is a start, else `None`.
     pub fn config(&self) -> Option<&RobotConfig> {
         match self {
             Self::Start { config, .. } => Some(config),
@@ -68,7 +68,7 @@ impl Event {
     }
 }
 
-/// One tick of a board.
+/// Inputs and outputs of a board at a tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedTick {
     /// Time of the tick, ms.
@@ -85,14 +85,14 @@ pub struct RecordedTick {
     pub lead: Option<Box<lead::Output>>,
 }
 
-/// Metadata and true states of a log, without the events of its boards.
+/// Metadata of a log and true states of the robot, without the events of the boards.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     /// Metadata of the run.
     pub about: BTreeMap<String, String>,
     /// Metadata of the end of the run.
     pub end: BTreeMap<String, String>,
-    /// True state by time of the run, ms.
+    /// True state of the robot by time of the run, ms.
     pub truth: BTreeMap<u32, TruthEntry>,
     /// Common time of the boards at the start of the run, µs.
     pub zero_us: Option<i64>,
@@ -103,15 +103,15 @@ pub struct Run {
 /// Robot in every log of format 3: two axles.
 pub const ROBOT: Topology = Topology::PAIR;
 
-/// Events of each board, in the order of [`Topology::boards`].
+/// Events of each board in order of time, by board in the order of [`Topology::boards`].
 pub type Events = Vec<Vec<Event>>;
 
-/// Complete contents of a log.
+/// Complete content of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Metadata and true states of the log.
     pub run: Run,
-    /// Events of the boards.
+    /// Events of all boards.
     pub boards: Events,
 }
 
@@ -122,7 +122,7 @@ impl Recording {
     }
 }
 
-/// Reads a log in memory; `name` identifies the log in errors.
+/// Reads a log in memory; `name` is the name of the log in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut boards = vec![Vec::new(); ROBOT.board_count()];
     let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
@@ -207,7 +207,7 @@ pub fn stream(
     Ok(run)
 }
 
-/// Description of an error of the file's format.
+/// Text about an error of the MCAP format.
 fn explain(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::BadFooter => {
@@ -224,7 +224,7 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
     serde_json::from_slice(data).map_err(|error| error.to_string())
 }
 
-/// State of a board during reading.
+/// Events and frames of a board that are read so far.
 #[derive(Default)]
 struct Board {
     /// Time of the latest event, ms.
@@ -236,7 +236,7 @@ struct Board {
     sent: Vec<(u32, CanFrame)>,
 }
 
-/// State of reading a log.
+/// Content of a log that is read so far.
 struct Reader<'a> {
     run: Run,
     robot: Topology,
@@ -286,7 +286,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Passes on all waiting events.
+    /// Passes on all waiting events of the front board, and forgets outputs without a tick.
     fn settle(&mut self) {
         self.release(None);
         self.leads.clear();

@@ -11,14 +11,14 @@ use std::io::{Seek, Write};
 /// Length of the head of an uncompressed chunk, bytes.
 const CHUNK_HEAD: usize = 40;
 
-/// Summary of a recovered log.
+/// Number of recovered messages, and what is missing.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
     /// Number of messages recovered.
     pub messages: u64,
     /// Time of the latest message, ns.
     pub last_ns: u64,
-    /// Missing and omitted parts of the log.
+    /// Descriptions of missing and omitted parts of the log.
     pub missing: Vec<String>,
 }
 
@@ -49,7 +49,7 @@ fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
     sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
-/// Copy of a log being written.
+/// Recovered copy of a log, being written.
 struct LogCopy<W: Write + Seek> {
     writer: Writer<W>,
     found: Recovered,
@@ -57,7 +57,7 @@ struct LogCopy<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> LogCopy<W> {
-    /// Copies the records of a file.
+    /// Copies the intact records of a file.
     fn file(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut records = Records {
             bytes,

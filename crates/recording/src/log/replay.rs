@@ -23,7 +23,7 @@ use host_sim::targets::{Fault, InProcess, Outgoing, Target};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
-/// First difference between replay and record.
+/// First difference between a replay and the record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Divergence {
     /// Tick of the difference, ms.
@@ -54,17 +54,17 @@ impl std::fmt::Display for Divergence {
     }
 }
 
-/// Board under replay.
+/// Board in this process that replays recorded inputs.
 struct ReplayedBoard {
     robot: Topology,
     name: &'static str,
     target: InProcess,
     on: bool,
-    /// Latest output of the lead node; `None` before the first.
+    /// Latest output of the lead node; `None` before the first output.
     lead: Option<lead::Output>,
 }
 
-/// Output of a board at a tick.
+/// Torques and frames of a replayed board at a tick.
 struct TickResult {
     torque_nm: Wheels<f32>,
     sent: Vec<CanFrame>,
@@ -90,7 +90,7 @@ impl ReplayedBoard {
         Error::input(format!("tick {tick}, {} board: {why}", self.name))
     }
 
-    /// Handles any event except a tick; `change` maps the parameters of a start.
+    /// Applies any event except a tick to the board; `change` maps the recorded parameters of a start.
     fn event(
         &mut self,
         event: &Event,
@@ -185,7 +185,7 @@ impl ReplayedBoard {
     }
 }
 
-/// Board compared with its record: replay, and time (ms) of the first fault or difference.
+/// Replayed board, with time (ms) of the first fault or of the first difference from the record.
 struct ComparedBoard {
     replayed_board: ReplayedBoard,
     found: Option<(u32, Result<Divergence, Error>)>,
@@ -267,7 +267,7 @@ pub struct RecordedEstimates {
 }
 
 impl RecordedEstimates {
-    /// Takes the next event of a board.
+    /// Takes the next event of a board; stores the estimates of the front board.
     pub fn take(&mut self, role: Role, event: &Event) {
         if role != Role::LEAD {
             return;
@@ -370,7 +370,7 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Quality of estimates against the true states at the same times.
+    /// Errors of estimates relative to the true states at the same times.
     pub fn of(estimates: &Estimates, run: &Run) -> Self {
         let zero_us = run.zero_us.unwrap_or_default();
         let mut errors = Errors::default();
@@ -427,7 +427,7 @@ fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Po
     Some((robot, between(first.relative, second.relative)))
 }
 
-/// Sums of errors for a [`Quality`].
+/// Sums and maxima of errors, from which [`Quality`] is computed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Errors {
     position: f64,
@@ -500,7 +500,7 @@ pub(super) mod tests {
         scenario
     }
 
-    /// Log of this many ticks, as bytes; the robot drives after 0.2 s.
+    /// Log of `ticks` ticks, as bytes; the robot drives from 0.2 s on.
     pub(in crate::log) fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");

@@ -18,7 +18,7 @@ use tempfile::{NamedTempFile, TempPath};
 /// First write error of a log, kept here because the MCAP writer does not report its errors.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
-/// File of a log; stores its first write error.
+/// File of a log that stores its first write error.
 struct LogFile {
     file: BufWriter<File>,
     error: FirstError,
@@ -63,7 +63,7 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
     }
 }
 
-/// Creates the file under its temporary name.
+/// Creates the temporary file that becomes `path`.
 fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     // A log is read from its end, which pipes and devices do not allow.
     if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
@@ -73,7 +73,7 @@ fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     files::temporary_beside(path)
 }
 
-/// Log being written to a file, served to viewers, or both.
+/// Destination of a log: a file, live viewers, or both.
 pub struct Sink {
     context: Arc<Context>,
     handle: Option<McapWriterHandle<LogFile>>,
@@ -93,7 +93,7 @@ impl Sink {
         Ok(sink)
     }
 
-    /// A log without a file, for live viewers.
+    /// Destination for live viewers only.
     pub fn without_file() -> Self {
         Self {
             context: Context::new(),
@@ -117,7 +117,7 @@ impl Sink {
         Ok(())
     }
 
-    /// Server, if the log is served.
+    /// Server for live viewers; `None` if the log is not served.
     pub fn server(&self) -> Option<&Server> {
         self.server.as_ref()
     }
@@ -146,7 +146,7 @@ impl Sink {
         &self.context
     }
 
-    /// Writes a metadata record.
+    /// Writes a metadata record; does nothing without a file.
     pub fn metadata(&self, name: &str, entries: &[(impl ToString, String)]) {
         let entries = entries.iter();
         let map = entries.map(|(key, value)| (key.to_string(), value.clone()));

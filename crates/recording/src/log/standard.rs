@@ -9,12 +9,12 @@ use foxglove::messages::{
 use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 
-/// Coordinate frame of all messages.
+/// Name of the coordinate frame in which all messages are given.
 const WORLD: &str = "world";
 /// Height of the frame's drawing above the ground, m.
 const FRAME_HEIGHT_M: f64 = 0.06;
 
-/// Time stamp of a simulated time, ns.
+/// Time stamp of a message at a simulated time, ns.
 pub fn stamp(nanos: u64) -> Timestamp {
     Timestamp::new(
         (nanos / 1_000_000_000) as u32,
@@ -47,7 +47,7 @@ fn pose(planar: &Planar) -> Pose {
     }
 }
 
-/// Message of a posture in world coordinates.
+/// Message with a posture in world coordinates.
 pub fn in_world(nanos: u64, planar: &Planar) -> PoseInFrame {
     PoseInFrame {
         timestamp: Some(stamp(nanos)),
@@ -56,7 +56,7 @@ pub fn in_world(nanos: u64, planar: &Planar) -> PoseInFrame {
     }
 }
 
-/// Message of several postures in world coordinates.
+/// Message with several postures in world coordinates.
 pub fn path<'a>(nanos: u64, postures: impl IntoIterator<Item = &'a Planar>) -> PosesInFrame {
     PosesInFrame {
         timestamp: Some(stamp(nanos)),
@@ -83,7 +83,7 @@ const fn color(r: f64, g: f64, b: f64) -> Color {
     Color { r, g, b, a: 1.0 }
 }
 
-/// Scene of wheels, axles and bent frames.
+/// Message with the 3D scene: wheels, axles and bent frames.
 pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
     let mut cubes = Vec::new();
     let mut lines = Vec::new();

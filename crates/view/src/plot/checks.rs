@@ -3,7 +3,7 @@
 use super::*;
 use kuva::render::render::{Primitive, TextAnchor};
 
-/// Values of an attribute in all elements with this name.
+/// Values of the attribute `attribute` in all elements named `element`.
 pub(crate) fn attributes(svg: &str, element: &str, attribute: &str) -> Vec<String> {
     let (open, key) = (format!("<{element} "), format!(" {attribute}=\""));
     let starts = svg.match_indices(&open).map(|(start, _)| start);

@@ -19,7 +19,7 @@ const WIDTH: f64 = 800.0;
 /// Pixels of the PNG per unit of the SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Line, area or mark in a panel, in the units of its axes.
+/// Line, area or mark in the units of the panel's axes.
 #[derive(Clone, Debug, PartialEq)]
 enum Shown {
     Line(Vec<[f64; 2]>, Stroke),
@@ -27,7 +27,7 @@ enum Shown {
     Mark([f64; 2], Mark),
 }
 
-/// Line, area or mark with its label in the legend; the label is empty for a part of a labelled object.
+/// Line, area or mark with its label in the legend; the label is empty for further pieces of a labelled object.
 #[derive(Clone, Debug, PartialEq)]
 struct Item {
     label: String,
@@ -129,7 +129,7 @@ impl Panel {
         self.items.push(Item { label, shown });
     }
 
-    /// Draws a line.
+    /// Adds a line through `points`; an empty label is not in the legend.
     pub fn line(
         &mut self,
         label: impl Into<String>,
@@ -139,7 +139,7 @@ impl Panel {
         self.add(label, Shown::Line(points.into_iter().collect(), stroke));
     }
 
-    /// Fills a polygon.
+    /// Adds a filled polygon.
     pub fn area(
         &mut self,
         label: impl Into<String>,
@@ -149,7 +149,7 @@ impl Panel {
         self.add(label, Shown::Area(points.into_iter().collect(), fill));
     }
 
-    /// Draws a mark.
+    /// Adds a mark at the point `at`.
     pub fn mark(&mut self, label: impl Into<String>, at: [f64; 2], mark: Mark) {
         self.add(label, Shown::Mark(at, mark));
     }
@@ -200,7 +200,7 @@ pub fn extent<'a>(points: impl IntoIterator<Item = &'a [f64; 2]>) -> Option<[[f6
         })
 }
 
-/// Height of a row of panels without its labels.
+/// Height of the plot areas in a row of panels, without labels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Height {
     /// In units of the SVG; the figure is 800 units wide.
@@ -222,7 +222,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A figure without panels.
+    /// Figure with a title and no panels.
     pub fn new(title: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -236,7 +236,7 @@ impl Figure {
         self
     }
 
-    /// Adds panels in rows of `columns`.
+    /// Adds panels in rows with `columns` panels each.
     pub fn rows_of(mut self, columns: usize, height: Height, panels: &[Panel]) -> Self {
         for row in panels.chunks(columns.max(1)) {
             self = self.row(height, row.to_vec());
@@ -248,7 +248,7 @@ impl Figure {
         self.rows.iter().flat_map(|(_, panels)| panels)
     }
 
-    /// First item of each label that has a finite point.
+    /// Entries of the legend: for each label the first item that has a finite point.
     fn legend(&self) -> Vec<&Item> {
         let mut entries: Vec<&Item> = Vec::new();
         for item in self.panels().flat_map(|panel| &panel.items) {
@@ -266,7 +266,7 @@ impl Figure {
         files.bytes(&format!("{name}.png"), self.png());
     }
 
-    /// The figure as text of an SVG file.
+    /// Text of an SVG file with the figure.
     pub fn svg(&self) -> String {
         let scene = page::scene(self);
         let size = format!("width=\"{}\" height=\"{}\"", scene.width, scene.height);

@@ -14,19 +14,19 @@ const EDGE: f64 = 10.0;
 const TITLE_SIZE: u32 = 17;
 const TEXT_SIZE: u32 = 14;
 const SMALL_SIZE: u32 = 13;
-/// Length of a line in the legend that shows a stroke.
+/// Length of the line that shows a stroke in the legend.
 const SAMPLE: f64 = 32.0;
 /// Gap after a label of the legend.
 const LEGEND_GAP: f64 = 18.0;
 /// Height of a row of the legend.
 const LEGEND_ROW: f64 = 18.0;
-/// Gap before a colour bar, and its width.
+/// Gap between plot area and colour bar, and width of the colour bar.
 const BAR: [f64; 2] = [12.0, 14.0];
-/// Lower limit of the room for the numbers of a vertical axis.
+/// Smallest width left of a vertical axis for its numbers.
 const LEAST_NUMBER: f64 = 44.0;
-/// Room at the right for half of the last number of a horizontal axis.
+/// Width right of the plot area for half of the last number of a horizontal axis.
 const RIGHT: f64 = 22.0;
-/// Room below a panel without axis numbers.
+/// Height below a panel without axis numbers.
 const SLIM: f64 = 8.0;
 
 impl From<Rgb> for Color {
@@ -35,7 +35,7 @@ impl From<Rgb> for Color {
     }
 }
 
-/// Drawing primitives of a figure.
+/// Elements of a figure, for SVG and PNG.
 pub(super) fn scene(figure: &Figure) -> Scene {
     let mut page = Page::default();
     let mut top = EDGE;
@@ -200,7 +200,7 @@ pub(super) fn text_width(text: &str, size: u32) -> f64 {
     ems * f64::from(size)
 }
 
-/// Primitives in the order in which they are drawn.
+/// Elements of a figure in the order in which they are drawn.
 #[derive(Default)]
 struct Page {
     elements: Vec<Primitive>,

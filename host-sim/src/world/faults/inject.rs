@@ -10,7 +10,7 @@ use core_algos::topology::{Role, Wheels};
 /// Lag of a board's slow clock, ticks.
 pub type ClockLag = u32;
 
-/// Samples of the boards at a tick.
+/// Readings of all boards at a tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Readings {
     /// Samples of the axle boards, front first.
@@ -20,7 +20,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// Samples in the order of [`core_algos::topology::Topology::boards`].
+    /// Readings of each board, in the order of [`core_algos::topology::Topology::boards`].
     pub fn samples(&self) -> impl Iterator<Item = Samples> {
         let axles = self.axles.iter().copied().map(Samples::Axle);
         let frames = self.frames.iter();
@@ -28,20 +28,20 @@ impl Readings {
     }
 }
 
-/// Injects a fault from one tick onwards.
+/// Applies a fault to readings and boards from one tick onwards.
 #[derive(Clone, Debug)]
 pub struct Injector {
     fault: Fault,
     /// First tick of the fault.
     at: u32,
     full_scale: i32,
-    /// Last readings before the fault.
+    /// Readings at the last tick before the fault.
     held: Readings,
 }
 
 impl Injector {
-    /// Injector of `fault` from tick `at` on. `full_scale` is the largest count of the beam's converter, `held` the
-    /// last readings before the fault.
+    /// Injector of `fault` from tick `at` on. `full_scale` is the largest count of the beam's converter; `held` are the
+    /// readings at the last tick before the fault.
     pub fn new(fault: Fault, at: u32, full_scale: i32, held: Readings) -> Self {
         Self {
             fault,
@@ -51,7 +51,7 @@ impl Injector {
         }
     }
 
-    /// The fault and its first tick.
+    /// Injected fault and its first tick.
     pub fn fault(&self) -> (&Fault, u32) {
         (&self.fault, self.at)
     }
@@ -156,7 +156,7 @@ impl Injector {
         self.fault == Fault::FrameSnapped && tick == self.at
     }
 
-    /// True if a board does not run at this tick.
+    /// True if the board `role` does not run at this tick.
     pub fn frozen(&self, role: Role, tick: u32) -> bool {
         match self.fault {
             Fault::Freeze { board, ms } if board == role => {
@@ -170,7 +170,7 @@ impl Injector {
         }
     }
 
-    /// Lag of a board's clock at a tick, ticks.
+    /// Delay of a board's clock behind the true time at a tick, ticks.
     pub fn clock_lag(&self, role: Role, tick: u32) -> ClockLag {
         match self.fault {
             Fault::SlowClock { board, period } if board == role => {

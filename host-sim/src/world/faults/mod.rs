@@ -11,7 +11,7 @@ use crate::bus::virtual_bus::BusConfig;
 use core_algos::safety::Condition;
 use core_algos::topology::{Role, Side};
 
-/// A wheel.
+/// Wheel of the robot, by axle and side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wheel {
     /// Number of the axle, 0 at the front.

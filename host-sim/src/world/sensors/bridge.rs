@@ -77,7 +77,7 @@ table! {
 }
 
 impl BridgeConfig {
-    /// Checks every value and the number of gauges.
+    /// Checks the range of every value, and the number of gauges.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
         let count = self.gauges_m.len();
@@ -169,7 +169,7 @@ impl LowPass {
     }
 }
 
-/// Creep and thermal drift of a gauge, a first-order lag each.
+/// Creep and thermal drift of a gauge, each a first-order lag.
 #[derive(Clone, Debug)]
 pub struct GaugeAgeing {
     creep_share: f64,
@@ -183,7 +183,7 @@ pub struct GaugeAgeing {
 }
 
 impl GaugeAgeing {
-    /// Unstrained gauge whose zero shifts by `zero_per_k` (strain) for a rise of 1 K. `creep_error` is its creep beyond
+    /// Unstrained gauge. Its zero shifts by `zero_per_k` (strain) for a rise of 1 K; `creep_error` is its creep beyond
     /// the mean share.
     pub fn new(config: &BridgeConfig, zero_per_k: f64, creep_error: f64) -> Self {
         let step = |time: f64| -libm::expm1(-SAMPLE_PERIOD_S / time);
@@ -199,7 +199,7 @@ impl GaugeAgeing {
         }
     }
 
-    /// Measured strain and zero shift of the gauge, 1 ms after the last call.
+    /// Measured strain and zero shift of the gauge, 1 ms after the preceding call.
     pub fn next(&mut self, strain: f64) -> [f64; 2] {
         self.crept += self.creep_step * (strain - self.crept);
         self.warmth += self.warming_step * (self.warming - self.warmth);
@@ -211,7 +211,7 @@ impl GaugeAgeing {
     }
 }
 
-/// State of one bridge.
+/// Errors, filter and converter of one bridge.
 #[derive(Clone, Debug)]
 pub(super) struct Bridge {
     random: Pcg64,
@@ -228,11 +228,12 @@ pub(super) struct Bridge {
     strain: f64,
 }
 
-/// Largest magnitude of a strain, far beyond the range of every bridge.
+/// Limit to which strains are clamped, far beyond the range of every bridge.
 const MAX_STRAIN: f64 = 1.0;
 
 impl Bridge {
-    /// A bridge of one frame. `creep_error` is the creep of its gauges beyond the mean share; `random` gives its noise.
+    /// Bridge number `index` of a frame. `creep_error` is the creep of its gauge beyond the mean share; `random` gives
+    /// its noise.
     pub fn new(
         config: &BridgeConfig,
         (drawn, creep_error): (&FrameErrors, f64),
@@ -258,8 +259,8 @@ impl Bridge {
         }
     }
 
-    /// Counts of a reading 1 ms after the last. A strain that is not finite gives the end of the range, and leaves
-    /// the filter and the ageing of the gauge at the last strain.
+    /// Counts of a reading 1 ms after the preceding call. A strain that is not finite gives the end of the range, and
+    /// leaves filter and ageing of the gauge at the latest finite strain.
     pub fn sample(&mut self, strain: f64) -> i32 {
         let known = strain.is_finite();
         if known {

@@ -7,11 +7,11 @@ use rand_pcg::Pcg64;
 /// Longest allowed delay from the instant of sampling to the board, ms.
 pub const MAX_DELAY_MS: u32 = 31;
 
-/// Samples per step of a random walk: drift is slow against a tick.
+/// Number of samples between two steps of a random walk: drift is slow against a tick.
 const DRIFT_INTERVAL_SAMPLES: u32 = 100;
 const RING: usize = MAX_DELAY_MS as usize + 1;
 
-/// Delay line of samples.
+/// Delays samples by a fixed number of milliseconds.
 #[derive(Clone, Debug)]
 pub struct Delay<T> {
     ring: [T; RING],
@@ -31,7 +31,7 @@ impl<T: Copy + Default> Delay<T> {
         }
     }
 
-    /// Takes the newest sample and gives the delayed sample. Before time zero the first sample applies.
+    /// Stores the newest sample and returns the delayed sample. Before time zero the first sample applies.
     pub fn pass(&mut self, sample: T) -> T {
         if !self.filled {
             self.ring = [sample; RING];
@@ -44,7 +44,7 @@ impl<T: Copy + Default> Delay<T> {
     }
 }
 
-/// A constant plus a random walk.
+/// Value that changes by a random walk.
 #[derive(Clone, Debug)]
 pub struct Drift {
     value: f64,
@@ -62,7 +62,7 @@ impl Drift {
         }
     }
 
-    /// Value at this sample.
+    /// Value at the next sample.
     pub fn next(&mut self, random: &mut Pcg64) -> f64 {
         let value = self.value;
         self.countdown -= 1;

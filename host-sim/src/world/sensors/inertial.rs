@@ -89,7 +89,7 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    /// Standard deviation of one sample's noise.
+    /// Standard deviation of the noise in one sample.
     fn noise_sigma(&self) -> f64 {
         self.noise_density * (SAMPLE_RATE_HZ / 2.0).sqrt()
     }
@@ -136,7 +136,7 @@ impl InertialChannel {
         }
     }
 
-    /// Bias and noise of this sample.
+    /// Draws bias and noise of the next sample.
     fn errors(&mut self) -> (f64, f64) {
         let bias = self.bias.next(&mut self.random);
         (bias, normal(&mut self.random, self.noise_sigma))

@@ -96,7 +96,7 @@ impl GeometryConfig {
 }
 
 impl SensorConfig {
-    /// Checks every value of the sensors.
+    /// Checks the range of every value.
     pub fn check(&self) -> Result<(), Error> {
         within("sensors.placement", self.placement.check_ranges())?;
         within("sensors.geometry", self.geometry.check_ranges())?;
@@ -166,7 +166,7 @@ impl SensorConfig {
     }
 }
 
-/// Inputs of the sensors from the plant at one instant.
+/// True motion and strains at one instant, the inputs of the sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Inputs of the axles' sensors, front first.
@@ -176,7 +176,7 @@ pub struct Truth {
     pub strains: Vec<Vec<f64>>,
 }
 
-/// Inputs of an axle's sensors. Wheel 0 is the left.
+/// True motion of an axle, the input of its sensors. Wheel 0 is the left wheel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleTruth {
     /// Angle of each wheel relative to the axle since the start, rad, forward positive.
@@ -187,7 +187,7 @@ pub struct AxleTruth {
     pub forward_acceleration: f64,
 }
 
-/// Samples of the boards at one tick.
+/// Outputs of all sensors at one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     /// Samples of the axle boards, front first.
@@ -196,7 +196,7 @@ pub struct Samples {
     pub frames: Vec<[i32; MAX_GAUGES]>,
 }
 
-/// Samples of an axle's board at one tick.
+/// Outputs of the sensors on an axle at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleSamples {
     /// Encoder counters by wheel; they wrap around. `None` for an angle that is not finite.
@@ -226,7 +226,7 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// The sensors of one trial; refuses what [`SensorConfig::check`] refuses.
+    /// Sensors of a drawn robot in one trial; refuses what [`SensorConfig::check`] refuses.
     pub fn new(config: &SensorConfig, drawn: &Drawn, seed: u64, trial: u64) -> Result<Self, Error> {
         config.check()?;
         // Noise has its own streams, so that it does not depend on how many numbers the draw of the errors took.
@@ -269,14 +269,14 @@ impl Sensors {
         })
     }
 
-    /// Biases of the next inertial samples by axle, after the average at rest: gyro, rad/s, and accelerometer, m/s².
-    /// Replaces [`Self::sample`] where the sensors are simulated elsewhere.
+    /// Biases of the next inertial samples of each axle, after the average at rest: gyro, rad/s, and accelerometer,
+    /// m/s². Replaces [`Self::sample`] where the sensors are simulated elsewhere.
     pub fn inertial_biases(&mut self) -> impl Iterator<Item = [f64; 2]> {
         let axles = self.axles.iter_mut();
         axles.map(|axle| [axle.gyro.bias(), axle.accelerometer.bias()])
     }
 
-    /// Latest samples.
+    /// Samples of the latest call of [`Self::sample`].
     pub fn samples(&self) -> &Samples {
         &self.samples
     }

@@ -13,12 +13,12 @@ const MILLITICKS: u64 = 21_504;
 /// Reload value of SysTick; one period has at most 780 000 instructions.
 const RELOAD: u32 = 0x00ff_ffff;
 
-/// Number of painted words, an upper limit of the stack of a measured call.
+/// Number of words painted below the stack pointer; a measured call must use less stack.
 const PAINTED: usize = 8192;
-/// Pattern of an untouched word.
+/// Pattern of a word of stack that the call has not written.
 const PAINT: u32 = 0xc5a3_3a5c;
 
-/// Cost of a call.
+/// Instructions and stack of a call.
 #[derive(Clone, Copy, Default)]
 pub struct Cost {
     /// Number of instructions, the call itself included.
@@ -29,7 +29,7 @@ pub struct Cost {
     pub code: u32,
 }
 
-/// Costs of several calls.
+/// Instructions and stack of several calls.
 #[derive(Clone, Copy, Default)]
 pub struct Total {
     calls: u32,
@@ -40,7 +40,7 @@ pub struct Total {
 }
 
 impl Total {
-    /// Adds the cost of a call.
+    /// Counts a call with the given cost.
     pub fn add(&mut self, cost: Cost) {
         self.calls += 1;
         self.sum += cost.instructions;
@@ -49,7 +49,7 @@ impl Total {
         self.code = cost.code;
     }
 
-    /// Prints mean and largest count, largest stack, and the address of the code.
+    /// Prints mean and largest number of instructions, largest stack, and the address of the code.
     pub fn print(&self, name: &str) {
         let mean = (self.sum + self.calls / 2) / self.calls.max(1);
         let Self {
@@ -59,7 +59,7 @@ impl Total {
     }
 }
 
-/// Counter of the instructions and the stack of a call.
+/// Counts instructions and stack of calls.
 pub struct Counter {
     /// Timer of the measurement. It is owned, so that no other code can restart it.
     _clock: SYST,
@@ -92,7 +92,7 @@ fn depth(top: *mut u32) -> u32 {
 }
 
 impl Counter {
-    /// Starts the clock.
+    /// Starts the timer and measures an empty call.
     pub fn start() -> Self {
         // SAFETY: nothing else uses the peripherals.
         let mut clock = unsafe { Peripherals::steal() }.SYST;
@@ -112,7 +112,7 @@ impl Counter {
         counter
     }
 
-    /// Cost in ticks instead of instructions; includes the stack of the measurement.
+    /// Cost of a call in ticks instead of instructions, with the stack of the measurement.
     #[inline(always)]
     fn measure<T>(&mut self, call: impl FnOnce() -> T) -> Cost {
         let top = paint();
@@ -175,14 +175,14 @@ impl Counter {
         total.print(name);
     }
 
-    /// Counted instructions of 100 NOPs.
+    /// Counted instructions of 100 NOPs, which checks the counter.
     pub fn nops_100(&mut self) -> u32 {
         // SAFETY: nothing happens.
         let nops = || unsafe { asm!(".rept 100", "nop", ".endr") };
         self.cost(nops).instructions
     }
 
-    /// Counted instructions of 1000 NOPs.
+    /// Counted instructions of 1000 NOPs, which checks the counter.
     pub fn nops_1000(&mut self) -> u32 {
         // SAFETY: nothing happens.
         let nops = || unsafe { asm!(".rept 1000", "nop", ".endr") };

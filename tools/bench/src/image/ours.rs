@@ -43,7 +43,7 @@ fn elementary(counter: &mut Counter) {
     counter.report_function("atan2", 16, vector, atan2, |(y, _)| y);
 }
 
-/// Axle filter with the constants of [`problem`], and its initial state.
+/// Axle filter with the constants of [`problem`], and its state at the start.
 pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
     let config = ekf::Config {
         period_s: T,

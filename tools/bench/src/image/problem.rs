@@ -12,9 +12,10 @@ pub const SLIP: f32 = 1e-3;
 pub const JERK: f32 = 1.0;
 /// Noise density of the yaw jerk, rad/s³/√Hz.
 pub const YAW_JERK: f32 = 6.0;
-/// Initial state of the filter.
+/// State of the filter at the start: x, y, m; heading, rad; speed, m/s; yaw rate, rad/s; acceleration, m/s²; yaw
+/// acceleration, rad/s².
 pub const X0: [f32; 7] = [0.1, -0.2, 0.3, 0.2, 0.1, 0.0, 0.0];
-/// Diagonal of the initial covariance.
+/// Diagonal of the covariance at the start.
 pub const P0: [f32; 7] = [1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2, 1e-2];
 /// Number of steps of the filter in a run.
 pub const STEPS: u32 = 100;

@@ -52,7 +52,7 @@ fn tick(board: &mut Board, outbox: &mut Outbox) {
     }
 }
 
-/// Algorithms between a board's peripherals and its nodes.
+/// Algorithms that run on a board between its peripherals and its nodes.
 struct Periphery {
     sync: TickSync,
     current_loop: (CurrentLoop, current::State),
@@ -66,7 +66,7 @@ struct Periphery {
     calibration: calibration::Config,
 }
 
-/// Runs a tick of the periphery with values that the compiler does not know.
+/// Runs each algorithm of the periphery once with values that the compiler does not know.
 #[inline(never)]
 fn peripheral_tick(p: &mut Periphery) {
     if let Ok(message) = bus::decode(&black_box(CanFrame {

@@ -58,10 +58,10 @@ pub struct CalibrationBench {
     pub interrupt: Arc<AtomicBool>,
 }
 
-/// Result of one drive along a calibration path.
+/// Odometry and true errors of one drive along a calibration path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationRun {
-    /// Odometry and measured end of each axle, front first.
+    /// Odometry and measured final posture of each axle, front first.
     pub axles: Vec<Return>,
     /// True less odometric change of heading of each axle, rad.
     pub heading: Vec<f64>,
@@ -83,7 +83,7 @@ impl CalibrationBench {
         }
     }
 
-    /// True errors of the drawn robot.
+    /// The drawn robot, with its true errors.
     pub fn robot(&self) -> &Drawn {
         &self.robot
     }
@@ -359,7 +359,7 @@ impl BusPostures {
     }
 }
 
-/// Constants of an axle as configured in its board.
+/// Wheel radii and track of an axle as configured in its board.
 pub fn configured_axle(scenario: &Scenario, role: Role) -> Result<wheels::AxleConstants, Error> {
     let mut settings = Settings::new(scenario.robot);
     scenario.boards.apply(role, &mut settings)?;

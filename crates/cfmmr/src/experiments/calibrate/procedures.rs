@@ -19,7 +19,7 @@ use serde::Serialize;
 pub(super) const SPEEDS_M_S: [f32; 2] = [0.2, 0.1];
 /// Directions of the squares: 1 left, −1 right.
 pub(super) const DIRECTIONS: [f64; 2] = [1.0, -1.0];
-/// Length of the straight line, m.
+/// Length of the straight drive that calibrates the wheel radius, m.
 pub(super) const STRAIGHT_M: f64 = 4.0;
 /// Curvatures of the formers, 1/m.
 pub(super) const FORMERS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
@@ -35,7 +35,7 @@ pub(super) struct CalibratedParameter {
     pub(super) truth: f64,
 }
 
-/// Error of the robot before and after the calibration.
+/// Error of the robot in one quantity, before and after the calibration.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Effect {
     pub(super) what: String,
@@ -44,7 +44,7 @@ pub(super) struct Effect {
     pub(super) after: f64,
 }
 
-/// Result of a calibration.
+/// Calibrated parameters and their effect on the robot's errors.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct CalibrationReport {
     /// World of the robot.
@@ -66,7 +66,7 @@ pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
 }
 
 impl CalibrationReport {
-    /// Report without parameters.
+    /// Report for the boards of `scenario`, still without parameters.
     fn of(scenario: &Scenario) -> Self {
         Self {
             found: Overlays::new(scenario.robot.topology()),
@@ -388,7 +388,7 @@ pub fn calibrate_gyros(
     Ok(report)
 }
 
-/// Scenario with the calibrated parameters.
+/// Scenario whose boards have the calibrated parameters `found`.
 fn with_parameters(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
     for role in found.topology.boards() {

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const TIMEOUT: Duration = Duration::from_secs(15);
 const READ_TIMEOUT: Duration = Duration::from_millis(10);
 
-/// Result of a calibration by the beam board.
+/// Answer of the beam board to a calibration request, for the JSON output.
 #[derive(Debug, Serialize)]
 struct BoardCalibrationReport {
     calibrate: Calibrate,
@@ -95,7 +95,7 @@ fn wait_for_confirmation(hold: &str) -> Result<(), Error> {
     }
 }
 
-/// Sends the request and waits for the answer of the beam board: result and index of the gauge.
+/// Sends the calibration request `frame` and waits for the beam board's answer: result and index of the gauge.
 fn request(
     mut port: Box<dyn Link>,
     mut link: BoardLink,

@@ -34,7 +34,7 @@ pub struct Turn {
 }
 
 impl Turn {
-    /// Bias of the gyro, rad/s: mean of both rests.
+    /// Bias of the gyro, rad/s: mean of the rests before and after the turn.
     pub fn bias(&self) -> f64 {
         0.5 * (self.rests[0].mean() + self.rests[1].mean())
     }

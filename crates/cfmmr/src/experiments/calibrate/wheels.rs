@@ -53,7 +53,7 @@ impl Lap {
         self.last_posture = Some([x, y, phi]);
     }
 
-    /// Final odometric posture: m, m, rad.
+    /// Odometric posture at the end of the run: m, m, rad.
     pub fn end(&self) -> [f64; 3] {
         self.last_posture.unwrap_or_default()
     }
@@ -86,7 +86,7 @@ impl Lap {
     }
 }
 
-/// Odometry and true end of a run.
+/// Odometry of a run, and the true posture at its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Return {
     /// Odometry of the run.
@@ -96,20 +96,20 @@ pub struct Return {
 }
 
 impl Return {
-    /// True less odometric end position, m.
+    /// True less odometric position at the end of the run, m.
     pub fn error(&self) -> [f64; 2] {
         let [x, y, _] = self.lap.end();
         [self.end[0] - x, self.end[1] - y]
     }
 
-    /// True less odometric end position, m, with the odometry corrected for `creep`, 1/s.
+    /// True less odometric position at the end, m, with the odometry corrected for `creep`, 1/s.
     pub fn without_creep(&self, creep: f64) -> [f64; 2] {
         let ([x, y, _], _) = self.lap.predict(&[0.0, 0.0, creep]);
         [self.end[0] - x, self.end[1] - y]
     }
 }
 
-/// Errors of an axle's odometry.
+/// Errors of an axle's odometry: wheel ratio, turn and creep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OdometryErrors {
     /// Relative difference of true and configured radius: of the right wheel `ratio`, of the left wheel −`ratio`.
@@ -171,7 +171,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
 /// Wheel radius, wheel ratio and track of an axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleConstants {
-    /// Mean radius of both wheels, m.
+    /// Mean radius of left and right wheel, m.
     pub radius_m: f64,
     /// Radius of the right wheel over radius of the left wheel.
     pub ratio: f64,
@@ -207,7 +207,7 @@ pub fn systematic(directions: [&[[f64; 2]]; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Radii of left and right, m.
+    /// Radii of the left and the right wheel, m.
     fn radii(axle: &AxleConstants) -> [f64; 2] {
         let left = 2.0 * axle.radius_m / (1.0 + axle.ratio);
         [left, axle.ratio * left]

@@ -12,7 +12,7 @@ use output::files;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Name of the copy of the study.
+/// File in the directory that holds a copy of the study.
 const COPY: &str = "study.toml";
 
 /// Directory of a campaign.
@@ -23,7 +23,7 @@ pub struct Directory {
     canonical: String,
 }
 
-/// State of a block.
+/// State of a block's file, with the runs of a complete block.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Runs of the block.
@@ -74,7 +74,7 @@ impl Directory {
         Self::open_for(study, path)
     }
 
-    /// Study of this campaign.
+    /// Study that the directory belongs to.
     pub fn study(&self) -> &Study {
         &self.study
     }
@@ -89,7 +89,7 @@ impl Directory {
         blocks.filter(|&block| !self.file(block).exists()).collect()
     }
 
-    /// State of a block.
+    /// Reads and checks the file of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);
         let content = match input::bytes(&path, input::MAX_DATA_BYTES) {
@@ -121,7 +121,7 @@ impl Directory {
         Ok(Block::Complete(read.rows))
     }
 
-    /// Writes the runs of a block.
+    /// Writes the file of a block.
     pub fn write(&self, block: u64, rows: Vec<CampaignRow>) -> Result<(), Error> {
         let stored = StoredBlock {
             made_by: BUILD.to_owned(),

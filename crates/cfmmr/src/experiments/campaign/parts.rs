@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Numbers of runs of a finished shard.
+/// Numbers of computed and of already complete runs of a finished shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Computed {
     /// Number of computed runs.

@@ -69,7 +69,7 @@ fn all(rows: &[CampaignRow]) -> Group<'_> {
     }
 }
 
-/// Splits a group by every combination of values of the given lists.
+/// Splits a group by every combination of values of the listed quantities `lists`.
 fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     lists.iter().fold(vec![group], |groups, list| {
         let part = |group: &Group<'a>, value: usize| {
@@ -176,7 +176,7 @@ pub fn map(study: &Study, rows: &[CampaignRow]) -> Figure {
     }
 }
 
-/// End of a run, and whether its error is within 3 cm and 3°.
+/// Kind of a run's end, and whether its error is within 3 cm and 3°.
 fn end(row: &CampaignRow) -> Verdict {
     Verdict::of(row.end, row.within)
 }

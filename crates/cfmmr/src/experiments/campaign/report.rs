@@ -7,7 +7,7 @@ use host_sim::run::end::Ends;
 use output::table::{Table, plus_minus};
 use serde::Serialize;
 
-/// Results of one combination of listed values.
+/// Statistics of all trials with one combination of listed values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cell {
     /// The listed quantities and their values.
@@ -55,7 +55,7 @@ pub struct Influence {
     pub note: Option<String>,
 }
 
-/// Result of a campaign.
+/// Statistics and correlations of a campaign.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CampaignReport {
     /// Name of the study.
@@ -84,7 +84,7 @@ pub fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// Ranks from 1; equal values have their mean rank.
+/// Rank of each value, from 1; equal values share the mean of their ranks.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -115,13 +115,13 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     (scale > 0.0).then(|| product(&a, &b) / scale)
 }
 
-/// Listed quantities with their index among the varied quantities.
+/// Listed quantities, each with its index among all varied quantities.
 pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
     let vary = study.vary.iter().enumerate();
     vary.filter(|(_, vary)| vary.values.is_some())
 }
 
-/// Values of a numeric quantity; NaN for a value that is no number.
+/// Value of the quantity at `index` in each run; NaN for a value that is no number.
 pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
     let values = rows.iter().map(|row| number(&row.values[index]));
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
@@ -203,7 +203,7 @@ impl CampaignReport {
         )
     }
 
-    /// Table of the rank correlations.
+    /// Text table of the rank correlations.
     fn correlations(&self) -> String {
         if self.influences.is_empty() {
             return String::new();
@@ -275,7 +275,7 @@ fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<Str
     }
 }
 
-/// The listed quantities and their values in a run.
+/// Listed quantities with their values in a run.
 fn values(study: &Study, row: &CampaignRow) -> Vec<(String, String)> {
     let value = |(index, vary): (usize, &Vary)| {
         let value = vary.cell(&row.values[index]);

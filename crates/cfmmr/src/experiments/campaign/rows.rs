@@ -11,7 +11,7 @@ use output::files::{Cell, Csv};
 use recording::csv;
 use serde::{Deserialize, Serialize};
 
-/// Varied values and result of one run.
+/// Varied values and final errors of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(expecting = "struct Row")]
 pub struct CampaignRow {
@@ -62,7 +62,7 @@ pub struct CampaignRow {
 }
 
 impl CampaignRow {
-    /// Row of run number `run`.
+    /// Row for run number `run`, which ended with `outcome`.
     pub fn of(run: u64, of: StudyRun, outcome: &Outcome) -> Self {
         let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
         let end = &outcome.end;
@@ -137,7 +137,7 @@ pub fn csv(study: &Study, rows: &[CampaignRow]) -> Csv {
     csv::CsvRow::table(rows.iter().map(|row| row.cells(&study.vary)))
 }
 
-/// Content of a block's file: two lines of JSON, the second with the checksum of the first.
+/// Content of a block's file. The file has two lines of JSON: this content, and its checksum.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(expecting = "struct Noted")]
 pub struct StoredBlock {
@@ -150,7 +150,7 @@ pub struct StoredBlock {
 }
 
 impl StoredBlock {
-    /// Text of the file.
+    /// Lines of the block's file: content and checksum.
     pub fn to_lines(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
         let line =

@@ -66,10 +66,10 @@ impl Shard {
     }
 }
 
-/// Reads an environment variable as a number; `None` if it is not set.
+/// Reader of environment variables as numbers; gives `None` for a variable that is not set.
 type Read<'a> = &'a dyn Fn(&str) -> Result<Option<u64>, Error>;
 
-/// Remedy in errors of the environment.
+/// Remedy in errors about environment variables.
 const ADVICE: &str = "give --shard I/N, which has precedence";
 
 fn number(name: &str, text: &str) -> Result<u64, Error> {
@@ -82,8 +82,8 @@ fn number(name: &str, text: &str) -> Result<u64, Error> {
     })
 }
 
-/// Values of the environment variables `names`. `None` if neither `names` nor `optional` are set. Fails if a variable
-/// is set, but not all of `names`.
+/// Values of the environment variables `names`. `None` if neither `names` nor `optional` are set. Fails if only some of
+/// these variables are set.
 fn together<const N: usize>(
     read: Read<'_>,
     names: [&str; N],
@@ -108,7 +108,7 @@ fn together<const N: usize>(
     }
 }
 
-/// Refuses a value outside of a range.
+/// Refuses an environment variable whose value is outside of `low` to `high`; `range` states the limits in words.
 fn within(name: &str, value: u64, low: u64, high: u64, range: &str) -> Result<(), Error> {
     match (low..=high).contains(&value) {
         true => Ok(()),

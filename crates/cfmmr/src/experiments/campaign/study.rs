@@ -88,7 +88,7 @@ pub struct Vary {
     pub normal: Option<[f64; 2]>,
 }
 
-/// Variation of a quantity.
+/// Source of a varied quantity's values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind<'a> {
     /// Grid values.
@@ -173,7 +173,7 @@ pub fn number(value: &toml::Value) -> Option<f64> {
     }
 }
 
-/// One run of a study.
+/// Scenario of one run, and the run's varied values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudyRun {
     /// Index of the combination of listed values.
@@ -330,12 +330,12 @@ impl Study {
         self.cells().unwrap_or(0) * u64::from(self.trials)
     }
 
-    /// Number of blocks, one file each.
+    /// Number of blocks; each block has a file.
     pub fn blocks(&self) -> u64 {
         self.runs().div_ceil(self.block.into())
     }
 
-    /// Numbers of the runs of a block.
+    /// Numbers of the runs in a block.
     pub fn block_runs(&self, block: u64) -> std::ops::Range<u64> {
         let size = u64::from(self.block);
         let start = (block * size).min(self.runs());
@@ -370,7 +370,7 @@ impl Study {
         self.vary.iter().skip(varied + 1).map(Vary::count).product()
     }
 
-    /// Value of each varied quantity.
+    /// Value of each varied quantity in trial `trial` of combination `cell`.
     pub fn values(&self, cell: u64, trial: u32) -> Result<Vec<toml::Value>, Error> {
         // Seeded by trial only: common random numbers across combinations.
         let mut random = Pcg64::new(self.seed.into(), DRAWS | u128::from(trial) << 1);

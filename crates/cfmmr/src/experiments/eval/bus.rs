@@ -31,7 +31,7 @@ use core_algos::bus::{self, CanFrame, Message};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::bus::codec`] on each line.
+/// Kernel of `eval bus`: runs [`core_algos::bus::codec`] on each line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Bus;
 

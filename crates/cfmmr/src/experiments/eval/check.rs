@@ -44,7 +44,7 @@ pub fn non_negative(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// Vector in `f32`; fails if a component is not finite in `f32`.
+/// Vector of input numbers in `f32`; fails if a component is not finite in `f32`.
 pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N], String> {
     let mut out = [0.0; N];
     for i in 0..N {
@@ -71,12 +71,12 @@ pub fn posture(field: &str, values: &[f64; 3]) -> Result<[f64; 3], String> {
     Ok([x, y, phi - TAU * turns])
 }
 
-/// [`posture`] in single precision.
+/// As [`posture`], in single precision.
 pub fn narrow_posture(field: &str, values: &[f64; 3]) -> Result<Posture, String> {
     Ok(posture(field, values)?.map(|value| value as f32).into())
 }
 
-/// Requirement on a covariance.
+/// Required definiteness of a covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Definite {
     /// Symmetric, positive definite.
@@ -167,7 +167,7 @@ pub fn covariance<const N: usize>(
     Ok(m)
 }
 
-/// A matrix in `f32`.
+/// Converts a matrix to `f32`.
 pub fn narrow<const N: usize>(matrix: &[[f64; N]; N]) -> [[f32; N]; N] {
     matrix.map(|row| row.map(|entry| entry as f32))
 }

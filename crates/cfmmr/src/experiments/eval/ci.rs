@@ -11,7 +11,7 @@ use core_algos::fusion::intersection::{Config, Criterion, ExtendedEstimate};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::fusion::intersection`] on each line.
+/// Kernel of `eval ci`: runs [`core_algos::fusion::intersection`] on each line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ci;
 

@@ -14,7 +14,7 @@ use core_algos::control::kinematic::{Config, Form, PolarError};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::control::kinematic::Law::command`] on each line.
+/// Kernel of `eval kinematic`: runs [`core_algos::control::kinematic::Law::command`] on each line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Kinematic;
 

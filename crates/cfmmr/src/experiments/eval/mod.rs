@@ -25,7 +25,7 @@ pub trait Kernel {
     fn line(&mut self, text: &str) -> Result<Value, String>;
 }
 
-/// State of a kernel whose first line configures it.
+/// Configuration and memory of a kernel whose first line configures it.
 #[derive(Clone, Debug, Default)]
 pub enum KernelState<T> {
     /// No line was read.
@@ -38,7 +38,7 @@ pub enum KernelState<T> {
 }
 
 impl<T> KernelState<T> {
-    /// Result of a line: `start` evaluates the first line, `step` every later line.
+    /// Evaluates one input line: `start` the first line, `step` every later line.
     fn line<Setup: DeserializeOwned, Step: DeserializeOwned>(
         &mut self,
         text: &str,

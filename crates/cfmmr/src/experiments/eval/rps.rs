@@ -18,7 +18,7 @@ use core_algos::config::ConfigError;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::beam::sensor::PostureSolver`] on each line.
+/// Kernel of `eval rps`: runs [`core_algos::beam::sensor::PostureSolver`] on each line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rps;
 
@@ -43,7 +43,7 @@ fn default_segments() -> u64 {
     100
 }
 
-/// Error text with the field's name in the input.
+/// Text of a configuration error, with the name of the field in the input.
 fn input_name(error: &ConfigError) -> String {
     let name = match error.field {
         "length_m" => "length",

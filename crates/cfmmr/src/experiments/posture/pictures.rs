@@ -46,7 +46,7 @@ impl<'a> Picture<'a> {
         self.scenario.mission.goal
     }
 
-    /// Configuration, and number of the shown trial if there are several.
+    /// Name of the configuration, and number of the shown trial if there are several trials.
     fn title(&self) -> String {
         let label = self.variant.label();
         match self.trials.len() {
@@ -55,7 +55,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Paths of all trials, and the ends.
+    /// Midpoint paths and final positions of all trials, with the shown trial in full.
     pub fn paths(&self, half_track_m: f64) -> PathsPanel {
         let trial = &self.trials[self.shown];
         let others = self.trials.iter().enumerate();
@@ -78,7 +78,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Errors of the shown trial over time.
+    /// Goal errors of the shown trial over time.
     pub fn errors(&self) -> ErrorsColumn {
         let records = &self.trials[self.shown].records;
         ErrorsColumn {
@@ -193,7 +193,7 @@ pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     parts.collect()
 }
 
-/// Errors of a posture over time, at 50 Hz.
+/// Goal errors of the posture that `posture` selects, over time at 50 Hz.
 fn trace(
     records: &[Record],
     goal: [f64; 3],

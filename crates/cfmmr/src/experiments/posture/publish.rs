@@ -11,7 +11,7 @@ use recording::csv;
 use std::path::PathBuf;
 use view::{animation, figures, page};
 
-/// Writes and prints the result of trials; `blocks` has the trials of each variant.
+/// Writes the files of the trials and prints their table; `blocks` has the trials of each variant.
 pub fn trials(
     context: &Context,
     variants: &[Variant],
@@ -24,7 +24,7 @@ pub fn trials(
     context.finish(&text, &report, files, recorded, failed)
 }
 
-/// Result and files of trials; `blocks` has the trials of each variant. Variants in `shown` have pictures and logs.
+/// Report and files of the trials; `blocks` has the trials of each variant. Variants in `shown` have pictures and logs.
 pub fn publish(
     context: &Context,
     variants: &[Variant],
@@ -76,7 +76,7 @@ pub fn summaries<'a>(
     rows.collect()
 }
 
-/// Verdict, table, meaning of its words, and commands to type next.
+/// Verdict, table, meaning of its columns, and commands to type next.
 fn screen(context: &Context, report: &PostureReport, variants: &[Variant]) -> String {
     let world = context.scenario.world.label();
     let folder = context.folder().display();

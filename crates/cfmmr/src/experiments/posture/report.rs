@@ -17,7 +17,7 @@ use serde::Serialize;
 /// 99 % quantile of χ² with three degrees of freedom.
 pub const CHI_SQUARE_99: f64 = 11.345;
 
-/// Row of the result.
+/// Statistics of all trials with one configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PostureRow {
     /// True if the relative position sensor was fitted.
@@ -64,12 +64,12 @@ pub struct PostureRow {
     pub duration_s: Summary,
 }
 
-/// Result of the command.
+/// Statistics of all configurations, the JSON output of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PostureReport {
     /// Trials in each row.
     pub trials: u32,
-    /// Results by configuration.
+    /// One row per configuration.
     pub rows: Vec<PostureRow>,
 }
 
@@ -120,7 +120,8 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Posture
     }
 }
 
-/// Line with the goal errors of the joint filter (else of the last row) and of the first row; empty for a single row.
+/// Sentence with the goal errors of the joint filter (else of the last row) and of the first row; empty for a single
+/// row.
 pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     let mut pairs = rows.iter().zip(variants);
     let named = |(row, variant): (&PostureRow, &Variant)| {

@@ -14,19 +14,19 @@ use std::path::PathBuf;
 /// Trials per row whose paths are kept; bounds memory.
 const KEPT_PATHS: usize = 200;
 
-/// Data of a trial.
+/// Outcome and recorded path of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Trial {
     /// Outcome of the trial.
     pub outcome: Outcome,
     /// The midpoint's path, at 10 Hz.
     pub path: Vec<[f64; 2]>,
-    /// State at every epoch, if kept.
+    /// Record of every epoch; empty if the records are not kept.
     pub records: Vec<Record>,
 }
 
 impl Trial {
-    /// Adds the state after an epoch to the path; `all` also keeps the record.
+    /// Adds the midpoint after an epoch to the path; `all` also keeps the record.
     pub fn push(&mut self, record: &Record, all: bool) {
         if self.path.len() * 10 <= epochs_since_start(record) {
             self.path.push([record.midpoint[0], record.midpoint[1]]);

@@ -32,19 +32,19 @@ pub struct BoardUse {
     pub flash: Option<PathBuf>,
 }
 
-/// Values of the boards in the result of a run.
+/// Report on boards in the loop, for the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
     /// First difference from the nodes in this program; `None` if identical or not compared.
     difference: Option<String>,
-    /// Ticks of the run.
+    /// Number of simulated ticks.
     ticks: usize,
     /// Wall-clock time from the first tick to the last, s.
     wall_s: f64,
     boards: Vec<BoardReport>,
-    /// Boards lost and restarted.
+    /// Losses and restarts of boards.
     events: Vec<Event>,
     /// Heartbeats: the first of each node, and every change of state.
     nodes: Vec<Status>,

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Folder of the flash files of boards that are not real.
 pub const DEFAULT_FLASH: &str = "out/flash";
 
-/// Flash file of a board.
+/// Path of a board's flash file in `directory`.
 pub fn flash_of(directory: &Path, board: &str) -> PathBuf {
     directory.join(format!("{board}.flash"))
 }

@@ -36,7 +36,7 @@ pub enum Mission {
     },
 }
 
-/// Outcome of a mission.
+/// Outcome and records of a mission.
 pub enum Outcome {
     /// Outcome of a posture regulation.
     Posture(Box<Trial>),
@@ -58,7 +58,7 @@ impl Ended for Outcome {
 }
 
 impl Outcome {
-    /// Reason for a failure of the mission.
+    /// Reason if the mission failed, else `None`.
     pub fn failure(&self) -> Option<String> {
         match self {
             Self::Script(steps) => steps.failure(),
@@ -66,7 +66,7 @@ impl Outcome {
         }
     }
 
-    /// Duration of the mission, s.
+    /// Time from start to end of the mission, s.
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::Script(steps) => steps.ends.iter().map(|step| step.end.duration_s).sum(),
@@ -74,7 +74,7 @@ impl Outcome {
         }
     }
 
-    /// State at each kept epoch.
+    /// Records of the kept epochs.
     pub fn records(&self) -> Vec<Record> {
         match self {
             Self::Posture(trial) => trial.records.clone(),
@@ -144,7 +144,7 @@ impl Mission {
         })
     }
 
-    /// Table, result and files of a run. Prints a warning on standard error if the end is uncertain.
+    /// Text table, JSON report and files of a run. Prints a warning on standard error if the end is uncertain.
     pub fn publish(
         &self,
         context: &Context,

@@ -40,7 +40,7 @@ use serde::Serialize;
 use serde_json::Value;
 use stage::{Driven, Outputs, Stage};
 
-/// Run that has not begun.
+/// Mission with its time limits and recording, to be driven once.
 pub struct Run<'a> {
     /// Scenario, command and output folder.
     pub context: &'a Context,
@@ -128,7 +128,7 @@ pub fn check(
 /// Reports of the boards of a simulated robot after a run.
 #[derive(Debug, Default)]
 struct Boards {
-    /// Values of the boards in the JSON result.
+    /// Report on the boards for the JSON output.
     values: BoardValues,
     /// Report on the boards, as text.
     text: String,
@@ -138,7 +138,7 @@ struct Boards {
     problem: Option<String>,
 }
 
-/// Values of the boards in the JSON result.
+/// Report on the boards for the JSON output, by kind of board.
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {
@@ -149,7 +149,7 @@ enum BoardValues {
     Virtual(virtual_boards::VirtualBoardValues),
 }
 
-/// Result of a mission and of its boards.
+/// JSON output of a run: the mission's report and the boards' report.
 #[derive(Serialize)]
 struct Published {
     #[serde(flatten)]
@@ -169,7 +169,7 @@ fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> 
     (!all.is_empty()).then(|| all.join("; "))
 }
 
-/// Lines on late ticks, lost and restarted boards, and nodes in a fault state.
+/// Text lines on late ticks, lost and restarted boards, and nodes in a fault state.
 fn events_text(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
     let faults = nodes.iter();
     let faults = faults.filter(|status| status.state == OperatingState::Fault);

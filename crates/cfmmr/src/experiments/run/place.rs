@@ -64,12 +64,12 @@ impl BoardPlace {
     }
 }
 
-/// Board of the given name.
+/// Board named `front`, `rear` or `beam`; `None` for another name.
 pub fn board_named(name: &str) -> Option<Role> {
     ROBOT.boards().find(|&role| ROBOT.name(role) == name)
 }
 
-/// Kind and settings of the boards.
+/// Kind, images and settings of the boards that drive a run.
 #[derive(Clone, Debug)]
 pub struct Site {
     /// Kind of the boards, and the ports of real boards.

@@ -21,7 +21,7 @@ use recording::csv;
 use remote::serial_robot::{Connect, OtherBoard, SerialRobot};
 use serde::Serialize;
 
-/// Result of a robot whose true posture is not known.
+/// JSON report on a real robot, whose true posture is unknown.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct RealRobotValues {
     /// Build of the front board's image.
@@ -46,12 +46,12 @@ struct RealRobotValues {
     reconnected: u32,
     /// Heartbeats at each change of a node's state.
     nodes: Vec<Status>,
-    /// Steps of a script.
+    /// Executed steps of a script; empty for other missions.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     steps: Vec<StepEnd>,
 }
 
-/// Drives the mission and publishes the result.
+/// Drives the mission with the real robot and publishes the report.
 pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let Run {
         context,
@@ -107,7 +107,7 @@ fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<Oth
     Ok((connect, others.collect::<Result<_, Error>>()?))
 }
 
-/// Publishes the result, from the robot's estimates.
+/// Writes and prints the report, with errors computed from the robot's estimates.
 fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(), Error> {
     let Run {
         context, mission, ..

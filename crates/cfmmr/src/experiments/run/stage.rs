@@ -48,7 +48,7 @@ impl Outputs {
     }
 }
 
-/// Recording and display of one run.
+/// Recording, dashboard and server of one run.
 pub struct Stage<'a> {
     outputs: &'a Outputs,
     about: About<'a>,
@@ -58,13 +58,13 @@ pub struct Stage<'a> {
     keyboard: Keyboard,
 }
 
-/// Run that has ended.
+/// Outcome of a run that has ended, and its recorded files.
 pub struct Driven<T> {
     /// Outcome of the mission.
     pub outcome: T,
     /// Recorded files.
     pub recorded: Vec<PathBuf>,
-    /// Time from the first tick to the last, s.
+    /// Wall-clock time from the first tick to the last, s.
     pub wall_s: f64,
     /// Reason if the robot did not stop after the run.
     pub stop_error: Option<String>,

@@ -17,19 +17,19 @@ use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
 
-/// Result of a script.
+/// Executed steps of a script, for the JSON output.
 #[derive(Debug, Serialize)]
 struct ScriptValues<'a> {
-    /// Steps with their ends.
+    /// Executed steps with their ends.
     steps: &'a [StepEnd],
 }
 
-/// Executed steps, and the state at each kept epoch.
+/// Executed steps of a script, and the records of the kept epochs.
 #[derive(Clone, Debug, Default)]
 pub struct Steps {
-    /// Steps with their ends.
+    /// Executed steps with their ends.
     pub ends: Vec<StepEnd>,
-    /// State at each epoch.
+    /// Records of the kept epochs.
     pub records: Vec<Record>,
     /// Number of steps in the script.
     pub count: usize,
@@ -49,13 +49,13 @@ impl Steps {
         }
     }
 
-    /// First failed step, else the last step.
+    /// Step that decides the script's end: the first failed step, else the last step.
     fn last(&self) -> Option<&StepEnd> {
         let failed = self.ends.iter().find(|step| !step.end.is_success());
         failed.or(self.ends.last())
     }
 
-    /// End of the script.
+    /// End of the step that decides the script's end; *interrupted* if the user ended the script between two steps.
     pub fn end(&self) -> RunEnd {
         let end = self.last().map(|step| step.end.clone());
         let mut end = end.unwrap_or_default();
@@ -96,7 +96,7 @@ pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
     }
 }
 
-/// Table, result and files.
+/// Text table, JSON report and files of a script.
 pub fn publish(
     context: &Context,
     executed: &Steps,
@@ -124,7 +124,7 @@ pub fn publish(
     Ok((table(&executed.ends), report, files))
 }
 
-/// Ends of the steps as CSV.
+/// CSV file with one row per step: text, goal and end.
 pub fn csv_of(steps: &[StepEnd]) -> Csv {
     csv::CsvRow::table(steps.iter().map(|step| {
         let mut row = csv::CsvRow::default();
@@ -137,7 +137,7 @@ pub fn csv_of(steps: &[StepEnd]) -> Csv {
     }))
 }
 
-/// Rows of the report page's summary.
+/// Names and values in the summary of the report page: each step with its end.
 pub fn summary(steps: &[StepEnd]) -> Vec<(String, String)> {
     let row = |step: &StepEnd| (format!("{}: {}", step.line, step.step), step.end.text());
     steps.iter().map(row).collect()

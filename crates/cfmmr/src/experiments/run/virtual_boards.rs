@@ -21,7 +21,7 @@ use remote::virtual_robot::{BoardReport, Options, VirtualRobot};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Result of virtual boards after a run.
+/// Report on virtual boards, for the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct VirtualBoardValues {
     /// Distance of the true midpoint from the goal at the end, m.
@@ -39,13 +39,13 @@ pub(super) struct VirtualBoardValues {
     boards: Vec<BoardReport>,
     /// Heartbeats at each change of a node's state.
     nodes: Vec<Status>,
-    /// Boards lost and restarted.
+    /// Losses and restarts of boards.
     events: Vec<Event>,
     /// Number of ticks that began more than one tick late, in a run in real time.
     late_ticks: Option<u32>,
 }
 
-/// Drives the mission and publishes the result.
+/// Drives the mission with virtual boards and publishes the report.
 pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let context = run.context;
     let [axle, beam] = site.images.each_ref().map(|image| image.as_deref());
