@@ -145,7 +145,7 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
 }
 
 /// Buffer of an array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking
-/// for it takes longer than copying it.
+/// for it takes longer than the copy.
 #[derive(Default)]
 pub struct Kept {
     /// Address of the array's object. The buffer keeps the object alive, so no other object has this address.
@@ -163,7 +163,7 @@ impl Kept {
         to: &mut [f64],
     ) -> PyResult<()> {
         if let Some(buffer) = self.latest(value) {
-            return copy_to(value.py(), buffer, to);
+            return buffer.copy_to_slice(value.py(), to);
         }
         let shape: Vec<_> = shape.iter().copied().map(Some).collect();
         let Ok(buffer) = PyBuffer::<f64>::get(value) else {
@@ -171,7 +171,7 @@ impl Kept {
             return Ok(());
         };
         check_shape(name, buffer.shape(), &shape)?;
-        copy_to(value.py(), &buffer, to)?;
+        buffer.copy_to_slice(value.py(), to)?;
         self.keep(value, buffer);
         Ok(())
     }
@@ -202,18 +202,9 @@ impl Kept {
 
     /// Writes the values into the latest target, row by row: as many as it has entries.
     pub fn write(&self, py: Python<'_>, values: &[f64]) -> PyResult<()> {
-        let Some(buffer) = &self.buffer else {
-            return Ok(());
-        };
-        match buffer.as_mut_slice(py) {
-            Some(cells) => {
-                cells
-                    .iter()
-                    .zip(values)
-                    .for_each(|(cell, value)| cell.set(*value));
-                Ok(())
-            }
-            None => buffer.copy_from_slice(py, values),
+        match &self.buffer {
+            Some(buffer) => buffer.copy_from_slice(py, values),
+            None => Ok(()),
         }
     }
 
@@ -225,19 +216,6 @@ impl Kept {
 
     fn keep(&mut self, object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) {
         (self.object, self.buffer) = (address(object), Some(buffer));
-    }
-}
-
-/// Copies a buffer of as many entries as `to`. The copy by cells of a contiguous array is the faster one.
-fn copy_to(py: Python<'_>, buffer: &PyBuffer<f64>, to: &mut [f64]) -> PyResult<()> {
-    match buffer.as_slice(py) {
-        Some(cells) => {
-            to.iter_mut()
-                .zip(cells)
-                .for_each(|(to, cell)| *to = cell.get());
-            Ok(())
-        }
-        None => buffer.copy_to_slice(py, to),
     }
 }
 

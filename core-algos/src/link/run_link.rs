@@ -87,7 +87,8 @@ pub struct Station {
 }
 
 impl Station {
-    /// Checks role, motor state and lease for an order, record, keep or release; admits any other request.
+    /// Refuses `Record` while motors are on; `Order`, `Keep` and `Release` on a board other than the front board, and
+    /// from a host that does not hold the lease, the right to command. Admits every other request.
     fn admit(&mut self, role: Role, request: &Request) -> Result<(), Refusal<'static>> {
         let (Request::Order { stamp, .. }
         | Request::Record(stamp)

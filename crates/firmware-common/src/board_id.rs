@@ -19,7 +19,7 @@ pub const REAR: AxleId = AxleId(1);
 pub enum Strap {
     /// Strap pin not connected: front axle.
     Open,
-    /// Strap pin connected to ground: the axle that the image names.
+    /// Strap pin connected to ground: the axle that the image passes to [`Strap::axle`].
     Ground,
 }
 

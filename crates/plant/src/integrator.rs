@@ -40,7 +40,7 @@ pub use interface::Outline;
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 /// Finest division of a step: `1 << FINEST` parts.
 const FINEST: u32 = 4;
-/// Ratios of internal viscosity τ to the whole time step, tried in turn when the strip snaps through.
+/// Time constants τ of an internal viscosity, in steps of the plant, tried in turn when the strip snaps through.
 const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 
 /// The simulated robot.

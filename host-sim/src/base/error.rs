@@ -58,8 +58,8 @@ impl Error {
         Self::Input(text.into())
     }
 
-    /// The refused value, if the error is about one: also read from the text `FIELD = VALUE: must be ALLOWED`, behind
-    /// the name of a file and a line.
+    /// The refused value; `None` if the error is about no single value. An error in text form is parsed as
+    /// `FIELD = VALUE: must be ALLOWED`; the name of a file and a line may precede it.
     pub fn refusal(&self) -> Option<Refusal> {
         let text = match self {
             Self::Parameter(refusal) => return Some((**refusal).clone()),

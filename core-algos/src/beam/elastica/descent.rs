@@ -93,8 +93,8 @@ impl Solver {
         for i in 0..3 {
             decrease += step[i] * lowest.normal.descent[i];
         }
-        // The refinement that follows repeats this step, so the predicted cost is enough for comparisons. With a
-        // large load the step is computed.
+        // The refinement that follows repeats this step, so the predicted cost is enough to compare minima. With a
+        // large load the prediction is too coarse, and the cost after the step is computed.
         let modest = lowest.parameters[1].abs() <= self.large_load();
         if *damping == 0.0 && modest && decrease < CLOSE && determines_load(&lowest.normal) {
             lowest.normal.cost -= decrease;

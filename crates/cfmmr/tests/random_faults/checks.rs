@@ -8,7 +8,8 @@ use core_algos::safety::{Condition, supervisor};
 use core_algos::topology::{AxleId, Node, Wheels};
 use std::collections::BTreeMap;
 
-/// Conditions of class cut with their hold time, ms. The motors are off at the tick at which the hold time has passed.
+/// Conditions of class cut, with the time in ms for which each must last. The motors are off at the tick at which this
+/// time has passed.
 const CUTS: [(Condition, u32); 8] = [
     (Condition::NotANumber, 0),
     (Condition::EncoderFault, 5),

@@ -331,7 +331,8 @@ impl Icm42688 {
         self.apply(at);
     }
 
-    /// Records findings if changed bits are not modelled or reserved, or if SPI is switched off.
+    /// Records a finding for each of: changed bits that are reserved, changed bits that are not modelled, SPI switched
+    /// off.
     fn note_unmodelled(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
         let name = register.name;
         let foreign = changed & register.writable & !register.modelled;
