@@ -1,6 +1,6 @@
 //! Single algorithms of the boards, each with the parameters of a scenario.
 
-use crate::arrays::{self, covariance, narrow, rows, single};
+use crate::arrays::{self, Row, Rows, covariance, narrow, rows, single};
 use crate::errors::{of, refused};
 use crate::scenario::Scenario;
 use core_algos::beam::sensor::{PostureSolver, Solution};
@@ -11,14 +11,13 @@ use core_algos::control::cascade::{self, AxleReference, Motion};
 use core_algos::control::dynamic::{self, Dynamic};
 use core_algos::control::kinematic::{Direction, Law, PolarError};
 use core_algos::control::planner::{self, Progress, Segment};
+use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::{self, Fix, Measurements, Verdict};
 use core_algos::fusion::intersection::{self, Criterion, ExtendedEstimate};
 use core_algos::fusion::ipec;
 use core_algos::fusion::robot::{self, Increment, Inputs, RobotFusion};
-use core_algos::fusion::Estimate;
 use core_algos::math::{AxleLoad, Posture, Steering, Twist};
 use core_algos::node::robot::RobotConfig;
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -66,7 +65,7 @@ fn estimate(
 fn pair<'py>(
     py: Python<'py>,
     estimate: &Estimate,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<(Row<'py>, Rows<'py>)> {
     let posture: [f32; 3] = estimate.posture.into();
     let posture = arrays::row(py, posture.map(f64::from).to_vec());
     Ok((posture, rows(py, &estimate.covariance)?))
@@ -141,15 +140,15 @@ impl StrainFit {
     /// Gives a dict: posture (3,), m, m, rad, of the front axle in the rear axle's coordinates; covariance (3, 3);
     /// wrench (4,), force forward and to the left (N), moment at root and tip (N m), or None; chi_square or None; method,
     /// "elastica", or "quadrature" where the elastica does not fit.
-    fn fit<'py>(
-        &self,
-        py: Python<'py>,
-        strain: &Bound<'_, PyAny>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    fn fit<'py>(&self, py: Python<'py>, strain: &Bound<'_, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let strain = arrays::numbers("strain", strain, &[Some(self.gauges)])?;
         self.check(&strain)?;
         let Some(solution) = py.detach(|| self.solve(&strain)) else {
-            return Err(refused("strain", format!("{strain:?}"), "strains that a posture fits"));
+            return Err(refused(
+                "strain",
+                format!("{strain:?}"),
+                "strains that a posture fits",
+            ));
         };
         let relative = Estimate::new(solution.relative.posture, solution.relative.covariance);
         let (posture, covariance) = pair(py, &relative)?;
@@ -176,7 +175,7 @@ impl StrainFit {
         &self,
         py: Python<'py>,
         strain: &Bound<'_, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Rows<'py>> {
         let strain = arrays::numbers("strain", strain, &[None, Some(self.gauges)])?;
         self.check(&strain)?;
         let postures = py.detach(|| {
@@ -259,7 +258,11 @@ impl AxleFilter {
         let posture = self::posture("posture", posture)?;
         let covariance = self::covariance::<3>("covariance", covariance)?;
         let Some(fix) = Fix::new(&covariance) else {
-            return Err(refused("covariance", "not positive definite", "positive definite"));
+            return Err(refused(
+                "covariance",
+                "not positive definite",
+                "positive definite",
+            ));
         };
         let mut state = lock(&self.state);
         Ok(word(self.filter.update_fix(&mut state, &posture, &fix)))
@@ -267,16 +270,19 @@ impl AxleFilter {
 
     /// The state, shape (7,).
     #[getter]
-    fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn state<'py>(&self, py: Python<'py>) -> Row<'py> {
         let state = lock(&self.state);
         let (twist, rates) = (state.twist(), state.accelerations());
         let motion = [twist.v, twist.omega, rates[0], rates[1]].map(f64::from);
-        arrays::row(py, state.precise_posture().into_iter().chain(motion).collect())
+        arrays::row(
+            py,
+            state.precise_posture().into_iter().chain(motion).collect(),
+        )
     }
 
     /// Covariance of the state, shape (7, 7).
     #[getter]
-    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         rows(py, &lock(&self.state).covariance().wide_matrix())
     }
 }
@@ -295,7 +301,7 @@ fn covariance_intersection<'py>(
     b: &Bound<'_, PyAny>,
     b_covariance: &Bound<'_, PyAny>,
     criterion: &str,
-) -> PyResult<(f32, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<(f32, Row<'py>, Rows<'py>)> {
     let criterion = match criterion {
         "determinant" => Criterion::Determinant,
         "trace" => Criterion::Trace,
@@ -318,7 +324,11 @@ fn covariance_intersection<'py>(
     let intersection = config.build().map_err(|error| of(&error.into()))?;
     let Some(fused) = intersection.fuse_extended(&a, &b) else {
         let allowed = "covariances far enough from singular, and of similar size";
-        return Err(refused("a_covariance, b_covariance", "nearly singular", allowed));
+        return Err(refused(
+            "a_covariance, b_covariance",
+            "nearly singular",
+            allowed,
+        ));
     };
     let (posture, covariance) = pair(py, &fused.estimate)?;
     Ok((fused.omega, posture, covariance))
@@ -352,11 +362,7 @@ impl Ipec {
 
     /// One interval. advance: shape (4,), m: left and right wheel of axle 1, then of axle 2. relative: shape (3,), m, m,
     /// rad: axle 2 in the coordinates of axle 1. Gives the corrections of both headings, rad.
-    fn step(
-        &self,
-        advance: &Bound<'_, PyAny>,
-        relative: &Bound<'_, PyAny>,
-    ) -> PyResult<[f32; 2]> {
+    fn step(&self, advance: &Bound<'_, PyAny>, relative: &Bound<'_, PyAny>) -> PyResult<[f32; 2]> {
         let advance = single::<4>("advance", advance)?;
         let relative = posture("relative", relative)?;
         far("relative", relative.distance(Posture::ORIGIN))?;
@@ -372,7 +378,7 @@ impl Ipec {
 
     /// Postures of both axles, shape (2, 3): m, m, rad.
     #[getter]
-    fn postures<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn postures<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         rows(py, &lock(&self.state).precise_postures())
     }
 
@@ -470,7 +476,7 @@ impl Fusion {
     fn robot<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.robot)
     }
 
@@ -479,7 +485,7 @@ impl Fusion {
     fn front<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.front)
     }
 
@@ -488,7 +494,7 @@ impl Fusion {
     fn rear<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.rear)
     }
 }
@@ -528,11 +534,13 @@ impl KinematicLaw {
             let command = self.law.command(error, v_r, kappa_r);
             [command.v, command.kappa, command.phi_dot].map(f64::from)
         };
-        if let Ok(posture) = arrays::vector::<3>("postures", postures) {
+        let many = arrays::dimensions(postures)? > 1;
+        if !many {
+            let posture = arrays::vector::<3>("postures", postures)?;
             return Ok(arrays::row(py, at(posture).to_vec()).into_any());
         }
-        let many = arrays::numbers("postures", postures, &[None, Some(3)])?;
-        let commands: Vec<[f64; 3]> = many.as_chunks().0.iter().copied().map(at).collect();
+        let postures = arrays::numbers("postures", postures, &[None, Some(3)])?;
+        let commands: Vec<[f64; 3]> = postures.as_chunks().0.iter().copied().map(at).collect();
         Ok(rows(py, &commands)?.into_any())
     }
 }
@@ -584,14 +592,16 @@ impl Cascade {
         v: f64,
         steering_rad: f64,
         steering_rate_rad_s: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let motion = Motion {
             v: narrow("v", v)?,
             psi: Steering(narrow("steering_rad", steering_rad)?),
             psi_rate: narrow("steering_rate_rad_s", steering_rate_rad_s)?,
             ..Motion::default()
         };
-        let axles = self.cascade.references(posture("midpoint", midpoint)?, &motion);
+        let axles = self
+            .cascade
+            .references(posture("midpoint", midpoint)?, &motion);
         let postures: [[f32; 3]; 2] = axles.map(|axle| axle.posture.into());
         let twists = axles.map(|axle| [axle.twist.v, axle.twist.omega]);
         Ok((rows(py, &postures)?, rows(py, &twists)?))

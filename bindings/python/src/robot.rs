@@ -1,9 +1,9 @@
 //! The boards of a robot, with or without their sensors, stepped from Python.
 
-use crate::arrays::{self, Kept};
+use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{of, refused};
 use crate::plant::{PER_AXLE, sensed_count, sensed_names};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, drawn_by};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::LeadMode;
 use core_algos::math::Posture;
@@ -18,7 +18,6 @@ use host_sim::scenario;
 use host_sim::targets::{self, HostCommand};
 use host_sim::world::faults::Readings;
 use host_sim::world::sensors::{AxleTruth, Truth};
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use recording::entry::LeadEntry;
@@ -126,8 +125,13 @@ macro_rules! tasks {
         #[pymethods]
         impl $class {
             #[new]
-            #[pyo3(signature = (scenario, seed, trial=0))]
-            fn new(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<Self> {
+            #[pyo3(signature = (scenario, seed, trial=None))]
+            fn new(
+                scenario: &Scenario,
+                seed: &Bound<'_, PyAny>,
+                trial: Option<&Bound<'_, PyAny>>,
+            ) -> PyResult<Self> {
+                let (seed, trial) = drawn_by(seed, trial)?;
                 Ok(Self {
                     state: Mutex::new(State::new(scenario, seed, trial)?),
                 })
@@ -220,14 +224,14 @@ macro_rules! tasks {
 
             /// Estimated posture of the midpoint, shape (3,): m, m, rad.
             #[getter]
-            fn posture<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+            fn posture<'py>(&self, py: Python<'py>) -> Row<'py> {
                 let Posture { x, y, phi } = self.state().rig.lead().fused.robot.posture;
                 arrays::row(py, [x, y, phi].map(f64::from).to_vec())
             }
 
             /// Covariance of the estimated posture, shape (3, 3): m², m rad, rad².
             #[getter]
-            fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+            fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
                 arrays::rows(py, &self.state().rig.lead().fused.robot.covariance)
             }
 
@@ -309,7 +313,7 @@ tasks!(Robot {
 
     /// Strains as the beam boards read them, shape (frames, 8), from the root; zero where there is no gauge.
     #[getter]
-    fn strains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn strains<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let frames = (0..state.truth.strains.len()).map(|frame| state.rig.strain(frame));
         arrays::rows(py, &frames.collect::<Vec<_>>())
@@ -340,7 +344,7 @@ tasks!(Boards {
         counts: &Bound<'_, PyAny>,
         gyro: Option<&Bound<'_, PyAny>>,
         acceleration: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Rows<'py>> {
         let mut state = self.state();
         let (axles, frames) = (state.truth.axles.len(), state.truth.strains.len());
         let gauges = state.truth.strains.first().map_or(0, Vec::len);

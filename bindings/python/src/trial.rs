@@ -2,7 +2,7 @@
 
 use crate::arrays;
 use crate::errors::{RunError, of};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, drawn_by};
 use host_sim::base::error::Error;
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::robot::{Record, Robot};
@@ -136,9 +136,10 @@ fn row(scenario: &Scenario, trial: u64, outcome: &Outcome) -> Vec<(&'static str,
 fn run_columns<'py>(
     py: Python<'py>,
     scenario: &Scenario,
-    seed: u64,
-    trial: u64,
+    seed: &Bound<'py, PyAny>,
+    trial: &Bound<'py, PyAny>,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let (seed, trial) = drawn_by(seed, Some(trial))?;
     let ran = py.detach(|| -> Result<_, PyErr> {
         let mut log = Columns::new(csv::record_columns());
         let rows = csv::RecordRows::default();
@@ -171,9 +172,13 @@ fn run_columns<'py>(
 fn run_rows<'py>(
     py: Python<'py>,
     scenarios: Vec<Bound<'py, Scenario>>,
-    trials: Vec<(u64, u64)>,
+    trials: Vec<[Bound<'py, PyAny>; 2]>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let trials = trials
+        .iter()
+        .map(|[seed, trial]| drawn_by(seed, Some(trial)));
+    let trials = trials.collect::<PyResult<Vec<_>>>()?;
     let scenarios: Vec<Scenario> = scenarios.iter().map(|it| it.get().clone()).collect();
     let count = scenarios.len() * trials.len();
     let outcomes = py.detach(|| {
