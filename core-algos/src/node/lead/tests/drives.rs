@@ -152,7 +152,6 @@ fn robot_reaches_a_goal_aside_and_behind_and_is_released_after_the_hold() {
     let goal = Posture::new(-0.6, 0.4, 0.3);
     let mut world = World::new(Task::regulate(goal));
     assert_eq!(world.node.latest_goal(), Some(goal));
-    assert!(!world.node.has_own_controller());
     let mut parts = vec![];
     world.run(|world, output| {
         if output.phase == Phase::Plan {
