@@ -12,7 +12,6 @@
 //! this measurement after the step.
 
 use super::Estimate;
-use super::compound::Chain;
 use super::robot::{Inputs, PairAxle};
 use crate::math::matrix;
 
@@ -26,25 +25,11 @@ pub struct EstimatorOutput {
     pub front: Estimate,
     /// Rear axle.
     pub rear: Estimate,
-    /// Midpoint O, heading from rear to front.
+    /// Midpoint O, heading from rear to front: [`Chain::midpoint`](super::compound::Chain::midpoint).
     pub robot: Estimate,
 }
 
 impl EstimatorOutput {
-    /// Estimates of both axles, with O halfway between them. The errors of the axles count as independent.
-    pub fn of_axles(front: Estimate, rear: Estimate) -> Self {
-        let chain = Chain::midpoint(front.posture, rear.posture);
-        let covariance = matrix::add(
-            &matrix::propagate(&chain.by_base, &front.covariance),
-            &matrix::propagate(&chain.by_relative, &rear.covariance),
-        );
-        Self {
-            front,
-            rear,
-            robot: Estimate::new(chain.posture, covariance),
-        }
-    }
-
     /// True if the robot can drive by the estimates: every number is finite, coordinates are within 100 km, and no
     /// variance is negative.
     pub fn is_sound(&self) -> bool {
@@ -83,19 +68,6 @@ pub trait Estimator {
 mod tests {
     use super::*;
     use crate::math::Posture;
-
-    #[test]
-    fn midpoint_of_two_axles_lies_halfway_with_half_the_variance() {
-        let at = |x| Estimate::with_sigmas(Posture::new(x, 1.0, 0.1), [0.02, 0.04, 0.1]);
-        let robot = EstimatorOutput::of_axles(at(0.4), at(0.0)).robot;
-        assert_eq!(robot.posture, Posture::new(0.2, 1.0, 0.0));
-        let variances = [0, 1, 2].map(|k| robot.covariance[k][k]);
-        // Across 0.4 m the heading has the sum of both variances, divided by the squared distance.
-        let expected = [0.5 * 4e-4, 0.5 * 16e-4, 2.0 * 16e-4 / 0.16];
-        for (variance, expected) in variances.iter().zip(expected) {
-            assert!((variance / expected - 1.0).abs() < 1e-5, "{variances:?}");
-        }
-    }
 
     #[test]
     fn estimate_beyond_a_bound_is_not_sound() {

@@ -7,12 +7,14 @@
 pub mod belief;
 pub mod board_parameters;
 pub mod effect;
+pub mod own;
 
 use crate::base::error::{Error, within};
 use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::scenario::board_parameters::Overlays;
+use crate::scenario::own::Own;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
@@ -105,6 +107,8 @@ pub struct Scenario {
     pub boards: Overlays,
     /// The true robot and its surroundings.
     pub world: World,
+    /// Parts of the user; not in a scenario file.
+    pub own: Own,
 }
 
 /// Layout of a scenario file: the world's tables stand beside the others.
@@ -151,6 +155,7 @@ impl From<Layout> for Scenario {
                 bus: layout.bus,
                 placement: PlacementAccuracy::default(),
             },
+            own: Own::default(),
         }
     }
 }
