@@ -98,3 +98,94 @@ fn run(cli: &Cli, own: &Own) -> Result<(), Error> {
         Some(Command::Completions(args)) => cli::completions::run(args),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use core_algos::control::controller::{ControllerOutput, KinematicController};
+    use core_algos::control::regulator::Input;
+    use std::fs;
+    use std::path::Path;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    /// Drives ahead to 1 cm before the goal.
+    struct Ahead;
+
+    impl KinematicController for Ahead {
+        fn step(&mut self, input: &Input) -> ControllerOutput {
+            let done = input.goal.relative_to(input.posture).x < 0.01;
+            ControllerOutput {
+                v: 0.15,
+                kappa: 0.0,
+                done,
+            }
+        }
+    }
+
+    fn typed(folder: &Path, line: &str) -> Cli {
+        let line = line.replace("OUT", folder.to_str().unwrap());
+        Cli::try_parse_from(["cfmmr"].into_iter().chain(line.split(' '))).unwrap()
+    }
+
+    #[test]
+    fn boards_outside_of_the_process_are_refused_with_an_own_controller() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = Own::default().with_controller(|| Ahead);
+        for (line, place) in [
+            ("posture --on virtual --out OUT/a", "--on virtual"),
+            ("follow --on virtual --out OUT/b", "--on virtual"),
+            (
+                "posture --on serial:front=/dev/null --out OUT/c",
+                "--on serial",
+            ),
+            ("hil --on virtual --out OUT/d", "hil"),
+            ("soak --on virtual", "--on virtual"),
+        ] {
+            let error = run(&typed(folder.path(), line), &own).unwrap_err();
+            let expected = format!("{place}: not with the user's controller");
+            assert!(error.to_string().starts_with(&expected), "{line}: {error}");
+            assert_eq!(error.exit_code(), 2);
+        }
+    }
+
+    #[test]
+    fn own_controller_drives_posture_and_campaign_and_is_in_their_results() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+        let made = Arc::new(AtomicU32::new(0));
+        let counter = made.clone();
+        let own = Own::default().with_controller(move || {
+            counter.fetch_add(1, Relaxed);
+            Ahead
+        });
+        let line = "posture --trials 2 --rows pair --from=-0.4,0,0 --out OUT/posture";
+        run(&typed(folder.path(), line), &own).unwrap();
+        // Two rows of two trials; the median is the first trial, or is driven again.
+        assert!(made.load(Relaxed) >= 4);
+        let result = read("posture/result.json");
+        assert!(result.contains("\"own\":[\"controller\"]") || result.contains("\"controller\""));
+        assert!(read("posture/report.html").contains("user's controller"));
+
+        let study = "name = \"test\"\ntrials = 2\n[scenario.mission]\nstart = [-0.4, 0.0, 0.0]\n";
+        fs::write(folder.path().join("study.toml"), study).unwrap();
+        let line = "campaign OUT/study.toml --out OUT/study";
+        run(&typed(folder.path(), line), &own).unwrap();
+        assert_eq!(made.swap(0, Relaxed) % 2, 0);
+        assert!(read("study/study.toml").contains("own = [\"controller\"]"));
+        let merge = typed(folder.path(), "campaign merge OUT/study");
+        run(&merge, &Own::default()).unwrap();
+        assert!(read("study/merged/result.json").contains("\"own\""));
+        // A program without the controller does not add runs.
+        let built_in = Own::default();
+        let error = run(&typed(folder.path(), line), &built_in).unwrap_err();
+        assert!(error.to_string().contains("different study"), "{error}");
+        let line = "campaign OUT/study/study.toml --out OUT/study";
+        let error = run(&typed(folder.path(), line), &built_in).unwrap_err();
+        assert!(
+            error.to_string().starts_with("own = [controller]"),
+            "{error}"
+        );
+    }
+}

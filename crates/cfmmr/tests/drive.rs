@@ -9,7 +9,6 @@ use core_algos::node::lead::Task;
 use core_algos::topology::{Role, Topology};
 use host_sim::run::regulate::regulate;
 use host_sim::run::robot::Robot;
-use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::own::Own;
 use host_sim::targets::HostCommand;
