@@ -114,7 +114,7 @@ impl<T> IndexMut<Side> for Wheels<T> {
 }
 
 impl<T> From<[T; 2]> for Wheels<T> {
-    /// From the values of the left and the right wheel.
+    /// Quantity of each wheel from the values of the left and the right wheel.
     fn from([left, right]: [T; 2]) -> Self {
         Self { left, right }
     }
@@ -187,7 +187,7 @@ impl Node {
     }
 }
 
-/// Axles of a robot, and what follows from their number.
+/// Axles, frames, boards and nodes of a robot, given by its number of axles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Topology {
     axles: u8,
@@ -324,7 +324,7 @@ impl Topology {
 mod tests {
     use super::*;
 
-    /// Names for three axles are listed by hand; the places are checked for every number of axles.
+    /// The expected names for three axles are listed by hand; the indices are checked for every number of axles.
     #[test]
     fn boards_and_nodes_of_three_axles_have_their_places_and_names() {
         let robot = Topology::new(3).unwrap();

@@ -186,7 +186,7 @@ fn wheels(t: f64) -> [[f64; 2]; 2] {
     })
 }
 
-/// Inputs of the second tier in one drive, and the true postures of the axles at its end.
+/// Inputs of the fusion in one drive, and the true postures of the axles at its end.
 struct Drive {
     inputs: Vec<Inputs>,
     front: Pose,
@@ -226,7 +226,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         square(own.across_m_per_sqrt_s) + square(tier_slip.position_m_per_sqrt_s),
         square(own.heading_rad_per_sqrt_s),
     ];
-    // A gyro measures the heading noise that the second tier adds.
+    // A gyro measures the heading noise that the fusion would otherwise add.
     let unseen_share = if setting.gyro { 0.0 } else { 1.0 };
     let bias_walk = f64::from(tier.joint.gyro_bias_walk_rad_s_per_sqrt_s) * STEP_S.sqrt();
 
@@ -410,7 +410,8 @@ static LASTING: World = World::new(true, false);
 /// Noise and lasting errors, with gyros and their errors.
 static INERTIAL: World = World::new(true, true);
 
-/// 95 % band of the mean over the runs of a chi-square variable of three degrees of freedom.
+/// Interval that contains the mean of a chi-square variable of three degrees of freedom over the runs with 95 %
+/// probability.
 fn band() -> (f64, f64) {
     let spread = 1.96 * (2.0 * 3.0 / RUNS as f64).sqrt();
     (3.0 - spread, 3.0 + spread)

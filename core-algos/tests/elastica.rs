@@ -21,13 +21,13 @@ const LENGTH: f64 = 0.36;
 const STIFFNESS: f64 = 0.833;
 /// Half the thickness, m.
 const HALF_THICKNESS: f64 = 0.5e-3;
-/// Largest end force, N.
+/// Limit of the end force of a random shape, N.
 const FORCE: f64 = 25.0;
-/// Largest end angle, rad.
+/// Limit of the end angle of a random shape, rad.
 const ANGLE: f64 = 1.2;
 /// Number of shapes per seed.
 const SHAPES: usize = 500;
-/// Steps of the integration between two points of interest.
+/// Steps of the integration from the root or a gauge to the next gauge or the tip.
 const STEPS: usize = 60;
 
 /// All five gauges.
@@ -47,10 +47,10 @@ fn nodes() -> [f64; 5] {
     [-far, -near, 0.0, near, far].map(|u| 0.5 + 0.5 * u)
 }
 
-/// θ, κ, x, y, and the derivatives of θ and κ by the root's curvature.
+/// State at a point of the strip: θ, κ, x, y, and the derivatives of θ and κ by the root's curvature.
 type Point = [f64; 6];
 
-/// Derivative along the strip.
+/// Derivative of the state by the arc length.
 fn rate(p: &Point, [fx, fy]: [f64; 2]) -> Point {
     let (s, c) = p[0].sin_cos();
     let bend = (fx * s - fy * c) / STIFFNESS;
@@ -73,7 +73,7 @@ fn march(mut p: Point, length: f64, force: [f64; 2]) -> Point {
     p
 }
 
-/// Gauges and tip of the shape with this curvature at the root.
+/// States at the five gauges and at the tip, for a strip with the curvature `root` at its root.
 fn points(root: f64, force: [f64; 2]) -> [Point; 6] {
     let mut p = [0.0, root, 0.0, 0.0, 0.0, 1.0];
     let mut from = 0.0;

@@ -187,7 +187,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {
             now = now.saturating_add_signed(tick.passed);
-            // The lead node works at one time of an epoch: even intervals are moved to that time.
+            // The lead node works at one phase of an epoch, so ticks with an even interval are moved to that phase.
             let at = match tick.passed % 2 {
                 0 => now / EPOCH * EPOCH + LEAD_PHASE,
                 _ => now,
@@ -222,7 +222,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             }
             prop_assert!(output.active || output.torque_nm == Wheels::both(0.0));
             for message in outbox.iter() {
-                // A value out of range is not sent; NaN or infinity must not get this far.
+                // Encoding may refuse a value out of range, but never NaN or infinity, which must not get this far.
                 if let Err(error) = bus::encode(message) {
                     prop_assert!(error.value.is_finite(), "{role:?} {message:?}");
                 }

@@ -15,7 +15,7 @@ fn main() {
     {
         println!("cargo::rustc-env=COMMIT={commit}");
     }
-    // On the host the crate only prints a message, see its `main`.
+    // A build for the host only prints a message (see `main`), so it needs no linker script.
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }

@@ -71,7 +71,7 @@ pub fn run(spawner: Spawner, own: Own) {
 /// started.
 fn drivers_asleep() {
     RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
-    // The clock runs two cycles later (ES0182).
+    // The port's clock starts two cycles after it is enabled (ES0182).
     cortex_m::asm::dsb();
     GPIOC.bsrr().write(|w| w.set_br(motors::SLEEP, true));
     GPIOC
@@ -79,7 +79,8 @@ fn drivers_asleep() {
         .modify(|w| w.set_moder(motors::SLEEP, Moder::OUTPUT));
 }
 
-/// Builds and starts everything, or a session. The log is a task too, so that the stack of the start is freed.
+/// Builds and starts all parts of the board, or a session if one was requested. The log is a task too, so that the
+/// stack used by this function is freed.
 fn start(
     p: Peripherals,
     watchdog: Watchdog,
@@ -130,7 +131,7 @@ fn start(
 
     let spawners = executors::start();
     defmt::info!("{} axle", Topology::PAIR.name(role));
-    // Each of these tasks is spawned once, and has room for one.
+    // `expect` cannot fail: each task has room for one instance and is spawned once.
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));

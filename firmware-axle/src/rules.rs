@@ -9,7 +9,7 @@ use core_algos::params::{Button, Drive, Press};
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::EPOCH;
 
-/// Epochs for which the button must be down: 50 ms.
+/// Epochs for which the button must keep its level before a press or a release counts: 50 ms.
 const HOLD: u8 = 5;
 const _: () = assert!(EPOCH == 10_000);
 
@@ -24,16 +24,16 @@ pub struct Command {
     pub torque_nm: [f32; 2],
     /// Wheel speeds (left, right), rad/s, for the back-EMF.
     pub speed_rad_s: [f32; 2],
-    /// Largest currents, A.
+    /// Current limits of the motors (left, right), A.
     pub limit_a: [f32; 2],
 }
 
 /// Report of the motors for the last tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Feedback {
-    /// Currents, root mean square over the tick, A.
+    /// Motor currents (left, right), root mean square over the tick, A.
     pub current_a: [f32; 2],
-    /// Supply voltage, V.
+    /// Supply voltage of the drivers, V.
     pub supply_v: f32,
     /// Temperature between the drivers, °C; `None` if the thermistor is open or short.
     pub temperature_c: Option<f32>,
@@ -87,7 +87,7 @@ impl Feedback {
 }
 
 impl Command {
-    /// Commanded torque within the limits of motors and drivers.
+    /// Command with the node's torques and with the current limits of motors and drivers.
     pub fn limited(
         output: &Output,
         feedback: &Feedback,
@@ -124,7 +124,7 @@ pub struct Presses {
 }
 
 impl Presses {
-    /// One epoch with the button's level; true once for each press.
+    /// Takes the button's level in one epoch; true once for each press.
     pub fn step(&mut self, down: bool) -> bool {
         if down != self.down {
             (self.down, self.held) = (down, 0);
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(supply(f32::NAN), low);
         let high = Conditions::only(Condition::SupplyHigh);
         assert_eq!(supply(drive.supply_maximum_v + 0.1), high);
-        // Unknown zeros: the supply is not measured yet.
+        // Until the zeros of the current sensors are known, the supply of 0 V is no measurement.
         assert_eq!(found(Feedback::NOTHING), Conditions::NONE);
         let heat = |c| {
             found(Feedback {

@@ -35,7 +35,7 @@ use bridges::Bridges;
 use tick::{Beam, BeamReport, BeamTick, Saving};
 use watchdog::TaskWatchdog;
 
-/// Frame of the board: a robot of two axles has one.
+/// Frame whose gauges this board reads; a robot of two axles has one frame.
 const FRAME: FrameId = FrameId(0);
 /// Role of the board.
 const ROLE: Role = Role::Beam(FRAME);
@@ -49,7 +49,8 @@ async fn main(spawner: Spawner) {
     }
 }
 
-/// Builds and starts everything, or a session. The background is a task too, so that the stack of the start is freed.
+/// Builds and starts all parts of the board, or a session if one was requested. Log and store are a task too, so that
+/// the stack used by this function is freed.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, BeamReport, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
@@ -80,7 +81,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let bus = can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
-    // Each of these tasks is spawned once, and has room for one.
+    // `expect` cannot fail: each task has room for one instance and is spawned once.
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));

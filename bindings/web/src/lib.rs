@@ -39,7 +39,7 @@ fn buffers() -> MutexGuard<'static, Buffers> {
     BUFFERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Hash of every bit of a record: CRC-32C of its bytes forward and backward.
+/// Hash of every bit of a record: CRC-32C of the record's text, forward and backward.
 fn hash(record: &Record) -> u64 {
     // `Debug` of a float is the shortest text that reads back to the same bits.
     let text = format!("{record:?}").into_bytes();
@@ -48,7 +48,7 @@ fn hash(record: &Record) -> u64 {
     u64::from(forward) << 32 | u64::from(backward)
 }
 
-/// Part of the text buffer as UTF-8.
+/// Bytes of the text buffer as UTF-8 text; an error if the bytes are not valid UTF-8.
 fn utf8(text: &[u8]) -> Result<&str, Error> {
     std::str::from_utf8(text).map_err(|error| Error::input(error.to_string()))
 }

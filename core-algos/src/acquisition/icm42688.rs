@@ -32,7 +32,7 @@ use crate::config::ConfigError;
 // Registers. The top bit of an address selects a read; the address increments within a transfer.
 const READ: u8 = 0x80;
 const BANK_SELECT: u8 = 0x76;
-// Bank 0.
+// Addresses in register bank 0.
 const DEVICE_CONFIG: u8 = 0x11;
 const ACCEL_DATA_X1: u8 = 0x1f;
 const INT_STATUS: u8 = 0x2d;
@@ -45,32 +45,32 @@ const GYRO_CONFIG1: u8 = 0x51;
 const GYRO_ACCEL_CONFIG0: u8 = 0x52;
 const ACCEL_CONFIG1: u8 = 0x53;
 const WHO_AM_I: u8 = 0x75;
-// Bank 1.
+// Addresses in register bank 1.
 const GYRO_CONFIG_STATIC3: u8 = 0x0c;
 const GYRO_CONFIG_STATIC4: u8 = 0x0d;
 const GYRO_CONFIG_STATIC5: u8 = 0x0e;
-// Bank 2.
+// Addresses in register bank 2.
 const ACCEL_CONFIG_STATIC2: u8 = 0x03;
 const ACCEL_CONFIG_STATIC3: u8 = 0x04;
 const ACCEL_CONFIG_STATIC4: u8 = 0x05;
 
 const IDENTITY: u8 = 0x47;
-/// Interrupt status: a reset was done.
+/// Bit of the interrupt status: the sensor has been reset.
 const RESET_DONE: u8 = 1 << 4;
-/// Bits of range and rate, for both sensors: ±250 °/s or ±2 g, 8 kHz.
+/// Range and rate: ±250 °/s for the gyroscope, ±2 g for the accelerometer, 8 kHz. Both registers take the same bits.
 const RANGE_AND_RATE: u8 = 3 << 5 | 3;
-/// Bandwidth of both UI filters: a twentieth of the rate, 400 Hz.
+/// Bandwidth of the UI filters of gyroscope and accelerometer: a twentieth of the sample rate, 400 Hz.
 const UI_BANDWIDTH: u8 = 6 << 4 | 6;
-/// Delay of both filters plus the mean age of a sample, s.
+/// Delay of anti-alias filter and UI filter plus the mean age of a sample, s.
 pub const DELAY_S: f32 = 1.05e-3;
-/// UI filters of second order; the other fields keep their reset values.
+/// Second order of the UI filters; the other bits are the reset values of the two registers.
 const GYRO_UI_ORDER: u8 = 0x12 | 1 << 2;
 const ACCEL_UI_ORDER: u8 = 0x05 | 1 << 3;
-/// Anti-alias filter of 536 Hz: three numbers of the data sheet's table.
+/// Settings of the anti-alias filter for 536 Hz, from the data sheet's table.
 const DELTA: u8 = 12;
 const DELTA_SQUARED: u8 = 144;
 const SHIFT: u8 = 8 << 4;
-/// Both sensors in their low-noise mode.
+/// Gyroscope and accelerometer in low-noise mode.
 const LOW_NOISE: u8 = 0x0f;
 /// I²C off, so that SPI traffic is not mistaken for an I²C address.
 const SERIAL_PORT_BITS: u8 = 0x03;
@@ -79,13 +79,13 @@ const I2C_OFF: u8 = 0x03;
 const ADAPTIVE_RANGE_BITS: u8 = 0xc0;
 const ADAPTIVE_RANGE_OFF: u8 = 0x40;
 
-/// One step of the set-up.
+/// Register write of the set-up.
 struct Write {
     address: u8,
-    /// Bits that the step writes. The other bits are read first and kept.
+    /// Mask of the bits written. The register's other bits are read first and kept.
     bits: u8,
     value: u8,
-    /// Time until the next step, ms.
+    /// Time until the next write, ms.
     pause: u8,
 }
 
@@ -134,7 +134,7 @@ const SET_UP: [Write; 19] = [
 /// Step of the set-up after the reset, at which the identity is read.
 const AFTER_RESET: usize = 2;
 
-/// Registers that are read back: address, bits, required value of the bits.
+/// Registers that are read back in operation: address, mask of the checked bits, required value of these bits.
 const CHECKED: [(u8, u8, u8); 9] = [
     (WHO_AM_I, !0, IDENTITY),
     // Big endian, I²C off.
@@ -158,7 +158,8 @@ const RETRY: u8 = 100;
 /// Length of a read: address, three accelerations, three angular rates, time stamp, interrupt status.
 const FRAME: usize = 1 + 6 + 6 + 2 + 1;
 
-/// Readings of the sensor; `None` while the bias is not known or the sensor is lost.
+/// Readings of the sensor. A reading is `None` until its bias is known, after a failed transfer, and for a saturated
+/// sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// Yaw rate, rad/s.
@@ -266,7 +267,7 @@ impl Icm42688 {
             0xff => 0,
             bits => match register(step.address, transfer) {
                 Some(value) => value & !bits,
-                // The other bits are unknown: the step is repeated.
+                // The bits to be kept are unknown: the write is repeated at the next step.
                 None => return Phase::SetUp { wait: 0, next },
             },
         };
@@ -344,7 +345,7 @@ fn register(address: u8, transfer: &mut impl FnMut(&mut [u8]) -> bool) -> Option
     transfer(&mut bytes).then_some(bytes[1])
 }
 
-/// Channel whose value of a count is `gain` times the data sheet's.
+/// Channel of `config` with its value of a count multiplied by `gain`.
 fn scaled(config: Config, gain: f32) -> Result<Channel, ConfigError> {
     let unit_per_count = gain * config.unit_per_count;
     Config {

@@ -15,11 +15,11 @@ pub struct Config {
     pub unit_per_count: f32,
     /// Number of samples in a window.
     pub window: u16,
-    /// Largest standard deviation in a window, u.
+    /// Standard deviation of a window above which the window is rejected, u.
     pub max_noise: f32,
-    /// Largest difference between the means of the window's halves, u.
+    /// Difference between the means of a window's halves above which the window is rejected, u.
     pub max_drift: f32,
-    /// Largest bias, u.
+    /// Magnitude of a window's mean above which the window is rejected, u.
     pub max_bias: f32,
 }
 
@@ -66,11 +66,12 @@ impl Config {
 /// Reason for the rejection of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// Standard deviation too large: the robot shakes or turns.
+    /// The window's standard deviation is too large: the robot shakes or turns.
     Noisy,
-    /// The means of the two halves differ too much.
+    /// The means of the window's halves differ too much.
     Drifting,
-    /// Mean too large for a bias of this part: the robot moves steadily or is tilted, or the part is broken.
+    /// The window's mean is too large for a bias of this part: the robot moves steadily or is tilted, or the part is
+    /// broken.
     Offset,
 }
 
@@ -106,7 +107,8 @@ impl Channel {
         self.state = State::default();
     }
 
-    /// Reason for the rejection of the latest window; `None` if it was accepted.
+    /// Reason for the rejection of the latest window; `None` if the window was accepted or interrupted, or none is
+    /// complete.
     pub fn refused(&self) -> Option<Refused> {
         self.state.refused
     }

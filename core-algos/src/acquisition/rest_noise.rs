@@ -36,7 +36,7 @@ impl<const N: usize> RestNoise<N> {
         }
         self.count += 1;
         for (i, count) in counts.iter().enumerate() {
-            // Counts have 24 bits at most, windows 14: sums of squares stay below 2^63.
+            // A count has at most 24 bits, and a window fewer than 2^14 readings: sums of squares stay below 2^63.
             let difference = i64::from(count.saturating_sub(self.first[i]));
             self.sums[i] += difference;
             self.squares[i] += difference * difference;

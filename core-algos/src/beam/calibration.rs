@@ -109,7 +109,7 @@ impl PerGauge {
     }
 }
 
-/// Class of a single count.
+/// Validity of a single count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Conversion {
     /// A count inside the converter's range.
@@ -133,7 +133,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Classifies a count.
+    /// Validity of one raw count of the converter.
     pub fn classify(&self, count: i32) -> Conversion {
         if !(0..=self.full_scale).contains(&count) {
             Conversion::Missing
@@ -144,12 +144,12 @@ impl Calibration {
         }
     }
 
-    /// Strains for (averaged) counts.
+    /// Strain of each gauge from its count, which may be an average of counts.
     pub fn strain(&self, counts: &[f32; MAX_GAUGES]) -> [f32; MAX_GAUGES] {
         core::array::from_fn(|i| (counts[i] - self.zero[i]) * self.scale[i])
     }
 
-    /// Nominal strain of one count, without sign.
+    /// Magnitude of the nominal strain of one count, before the gauges' gains.
     pub fn resolution(&self) -> f32 {
         self.strain_per_count.abs()
     }
@@ -165,10 +165,10 @@ declare! {
     pub struct StandstillLimits {
         /// Fewest samples of each gauge.
         pub min_samples: u32 = 500, "": Range(4.0, 1e6);
-        /// Largest standard deviation of one sample: more means the robot moves or a bridge is
+        /// Standard deviation of a gauge's samples above which the average is rejected: the robot moves or a bridge is
         /// loose.
         pub max_noise_strain: f32 = 2e-5, "strain": Range(1e-9, 1e-2);
-        /// Largest difference between the averages of the first and the second half.
+        /// Difference between the averages of the two halves of the samples above which the average is rejected.
         pub max_drift_strain: f32 = 2e-6, "strain": Range(1e-9, 1e-2);
     }
 }
@@ -194,7 +194,7 @@ pub enum StandstillError {
     Drifting(u8),
 }
 
-/// Sums of counts, exact: integers relative to the first sample.
+/// Exact sums of one gauge's counts: integers, of differences from the first count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Moments {
     count: u32,
@@ -213,7 +213,7 @@ impl Moments {
         self.sum as f32 / self.count as f32
     }
 
-    /// Unbiased variance of a sample; needs two or more samples.
+    /// Unbiased variance of the counts; needs two or more counts.
     fn variance(&self) -> f32 {
         let mean = self.mean();
         let count = self.count as f32;
@@ -268,11 +268,11 @@ impl Standstill {
             }
             let [early, late] = &self.halves[i];
             let count = early.count.saturating_add(late.count);
-            // With `min_samples` in total, `late` has at least as many samples as `early`.
+            // `late` needs no check: with `min_samples` in total, it has at least as many samples as `early`.
             if count < limits.min_samples || early.count < 2 {
                 return Err(StandstillError::TooFewSamples(gauge));
             }
-            // Each half by itself, so that drift does not count as noise.
+            // The variance is computed in each half, so that drift between the halves does not count as noise.
             let variance = early.variance().max(late.variance());
             if !(sqrt(variance) * resolution <= limits.max_noise_strain) {
                 return Err(StandstillError::Noisy(gauge));

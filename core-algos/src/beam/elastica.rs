@@ -25,31 +25,31 @@ use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, predicte
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
-/// Most shapes computed for one fit.
+/// Limit of the integrations of the elastica (*shapes*) for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
 /// Predicted decrease of the cost, in squared standard deviations of the parameters, below which a step is the last:
 /// this step is shorter than a tenth of a standard deviation.
 const CONVERGED: f32 = 1e-2;
-/// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
+/// Weight of the heavy-tailed prior of the end force f: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
-/// Weight of the prior once the strains determine the load.
+/// Weight of the force's prior once the strains determine the force.
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most Gauss–Newton steps with [`REFINED_TAIL`].
 const REFINEMENTS: u8 = 2;
-/// Residual below which the prior may be the cause of the residual.
+/// Upper limit of the residual (weighted sum of squares) that the prior causes with exact readings.
 const PULLED: f32 = 2.0;
-/// Residual below which readings may be far more accurate than stated.
+/// Residual without the prior's pull below which readings may be far more accurate than stated.
 const NEARLY_EXACT: f32 = 0.1;
 /// Decrease of the residual below which the prior's pull is negligible: 0.15 mm at the default uncertainty, a tenth of
 /// a standard deviation.
 const NEGLIGIBLE: f32 = 0.08;
-/// Axial load, in prior scales, above which the fit is compared with a fit from zero axial load.
+/// Axial load, as a multiple of the prior's scale, above which the fit is compared with a fit from zero axial load.
 const LARGE_LOAD: f32 = 3.0;
-/// Cost of computing the starts of [`Solver::waves`], in shapes.
+/// Cost of [`Solver::waves`], as a number of integrations of the elastica.
 const STARTS_EFFORT: u8 = 2;
-/// Largest cost of [`Solver::finish`], in shapes (integrations of the elastica).
+/// Limit of the integrations of the elastica in [`Solver::finish`].
 pub const FINISH_EFFORT: u8 = REFINEMENTS;
-/// Largest |F_x| L²/EI and |F_y| L²/EI of a fit: sixteen times the load of the second buckling mode.
+/// Limit of |F_x| L²/EI and |F_y| L²/EI in a fit: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;
 
 /// A fit in progress: the lowest minimum so far, and the starts still to try.
@@ -58,7 +58,7 @@ pub struct Search {
     mask: GaugeMask,
     readings: Readings,
     best: Option<Minimum>,
-    /// Starts of [`Solver::waves`], and the number of starts tried; `None` until they are computed.
+    /// Starts of [`Solver::waves`]; `None` until they are computed. `tried` counts the starts already used.
     starts: Option<[Parameters; 3]>,
     tried: u8,
     /// Descent in progress from one of `starts`.
@@ -70,7 +70,7 @@ pub struct Search {
 }
 
 impl Search {
-    /// True if a lower minimum may be elsewhere.
+    /// True if another start of the search may still lead to a lower minimum.
     pub fn is_open(&self) -> bool {
         self.open
     }
@@ -87,7 +87,7 @@ impl Search {
     }
 }
 
-/// A computed shape: curvatures at the gauges, and both ends.
+/// Elastica integrated for one set of parameters: curvatures at the gauges with derivatives, and both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shape {
     curvature: [f32; MAX_GAUGES],
@@ -96,22 +96,22 @@ struct Shape {
     tip: Ray,
 }
 
-/// Readings that are fitted.
+/// Readings of the gauges, with the weights and the budget of their fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Readings {
-    /// Curvature × length; 0 outside the mask.
+    /// Measured curvature × length of each gauge; 0 outside the mask.
     k: [f32; MAX_GAUGES],
-    /// Inverse variances; 0 outside the mask.
+    /// Inverse variance of each reading; 0 outside the mask.
     weights: [f32; MAX_GAUGES],
     /// Variance that the drift of the zeros added to each reading, (curvature × length)².
     drift: f32,
-    /// Weight of the prior.
+    /// Weight of the force's prior.
     tail: f32,
-    /// Most shapes computed.
+    /// Limit of the integrations of the elastica before the refinement.
     budget: u8,
 }
 
-/// Normal equations at a shape.
+/// Normal equations of the fit, linearised at one set of parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Normal {
     /// Jᵀ W J + prior: half the Hessian of the cost, approximately.
@@ -124,19 +124,19 @@ struct Normal {
     cost: f32,
 }
 
-/// A strip with the integration legs for fits of its gauges.
+/// Fits the elastica to the gauges of a strip. Holds the integration steps from gauge to gauge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solver {
     strip: Strip,
-    /// Leg to each gauge from the previous one, from the middle outward.
+    /// Integration steps to each gauge, outward from the gauge before or from the middle.
     legs: [Leg; MAX_GAUGES],
-    /// Last legs: to the root and to the tip.
+    /// Integration steps from the outermost gauges to the root and to the tip.
     root_leg: Leg,
     tip_leg: Leg,
 }
 
 impl Solver {
-    /// Solver for `strip`; computes the integration legs.
+    /// Solver for `strip`; computes the integration steps.
     pub fn new(strip: Strip) -> Self {
         let mut legs = [Leg::default(); MAX_GAUGES];
         let mut tip_u = 0.0;
@@ -162,8 +162,8 @@ impl Solver {
         &self.strip
     }
 
-    /// Walks from the middle to the root and to the tip; `advance` moves over a leg that begins at the given u,
-    /// `visit` is called at each gauge.
+    /// Integrates from the middle to the root and to the tip. `advance` integrates up to the next gauge or end, from
+    /// the given u; `visit` is called at each gauge.
     fn walk<T: Copy>(
         &self,
         middle: T,
@@ -333,10 +333,10 @@ impl Solver {
         self.fit_within(curvature, mask, 0.0, MAX_EVALUATIONS)
     }
 
-    /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` shapes (4 to
-    /// [`MAX_EVALUATIONS`]). `drift` is the variance of this random walk, strain². The drift lowers the weight of the
-    /// readings and enlarges the covariance of the wrench. The covariance of the posture excludes the drift, which is
-    /// not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
+    /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` integrations of the elastica
+    /// (4 to [`MAX_EVALUATIONS`]). `drift` is the variance of the zeros' random walk, strain². The drift lowers the
+    /// weight of the readings and enlarges the covariance of the wrench. The covariance of the posture excludes the
+    /// drift, which is not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
     pub fn fit_within(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -350,7 +350,7 @@ impl Solver {
     }
 
     /// Begins a fit as [`Self::fit_within`]: from the polynomial's shape, or first from `start`, the result of an
-    /// earlier fit. At most `budget` shapes, including those of [`Self::finish`].
+    /// earlier fit. `budget` limits the integrations of the elastica, including those of [`Self::finish`].
     pub fn begin(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -378,7 +378,7 @@ impl Solver {
             tail: TAIL,
             budget: before_refinement(budget),
         };
-        // Three readings fit more than one shape exactly; the prior takes the least load.
+        // Several shapes can fit three readings exactly; the prior selects the least loaded.
         let ambiguous = mask.count() <= 3;
         let mut best = None;
         if let Some(Start(start)) = start {
@@ -414,8 +414,8 @@ impl Solver {
         })
     }
 
-    /// Continues the search by at most `effort` shapes, `budget` in total. The computation of the starts
-    /// from small-deflection theory counts as two shapes. Returns the remaining effort.
+    /// Continues the search with at most `effort` integrations of the elastica, and at most `budget` for the whole fit.
+    /// The starts from small-deflection theory cost two integrations. Returns the unused effort.
     pub fn go_on(&self, search: &mut Search, budget: u8, mut effort: u8) -> u8 {
         search.readings.budget = before_refinement(budget);
         let readings = &search.readings;
@@ -456,7 +456,7 @@ impl Solver {
         effort
     }
 
-    /// Refined fit of the best minimum so far: at most two shapes. `None` if the shape is not
+    /// Refined fit of the best minimum so far: at most two integrations of the elastica. `None` if the shape is not
     /// finite.
     pub fn finish(&self, search: &Search) -> Option<Fit> {
         let mut best = search.best?;
@@ -553,7 +553,7 @@ impl Solver {
     }
 }
 
-/// Budget of shapes before the refinement.
+/// Part of a budget of integrations that the search may use; the rest is kept for the refinement.
 fn before_refinement(budget: u8) -> u8 {
     budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS
 }

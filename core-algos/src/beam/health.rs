@@ -34,9 +34,9 @@ pub enum Fault {
     Saturated,
     /// The strain is implausibly large, or not a number.
     OutOfRange,
-    /// The reading is constant while others change.
+    /// The reading is constant while the readings of other gauges change.
     Dead,
-    /// The reading is inconsistent with the others.
+    /// The reading is inconsistent with the readings of the other gauges.
     Inconsistent,
 }
 
@@ -56,7 +56,8 @@ declare! {
         pub clear_periods: u8 = 50, "": Range(1.0, 255.0);
         /// Periods in the window of the flatness test.
         pub flat_window_periods: u16 = 50, "": Range(2.0, 10_000.0);
-        /// Least range of counts of half of the other gauges in the window, for a gauge to count as flat.
+        /// Range of a gauge's counts in the window from which the gauge counts as moving. A constant gauge is suspect
+        /// only if at least half of the others move.
         pub active_counts: i32 = 60, "counts": Range(2.0, 16_777_216.0);
         /// Difference between a flat gauge and the fit of the other gauges above which the gauge is dead.
         pub dead_strain: f32 = 2e-5, "strain": Range(1e-7, 1e-2);
@@ -65,7 +66,7 @@ declare! {
         /// Weighted sum of squared residuals above which the readings are inconsistent. With the stated uncertainties
         /// a healthy strip exceeds 30 with probability 2e-6 or less with five gauges, 4e-5 or less with eight.
         pub max_chi_square: f32 = 30.0, "": Range(5.0, 1e6);
-        /// Rounds of the search in a row against one gauge that make the gauge inconsistent.
+        /// Rounds of the search in a row with a verdict against the same gauge after which the gauge is inconsistent.
         pub verdicts: u8 = 2, "": Range(1.0, 255.0);
     }
 }
@@ -99,12 +100,12 @@ pub struct State {
     /// Lowest and highest count in the window; `None` before the first sample.
     window: [Option<(i32, i32)>; MAX_GAUGES],
     window_periods: u16,
-    /// Gauges that were flat in the last window.
+    /// Suspects: gauges that were flat in the last window.
     flat: GaugeMask,
     flat_periods: [u8; MAX_GAUGES],
     inconsistent_periods: u8,
     next: u8,
-    /// Residual of the fit without each gauge, in this round.
+    /// Residual of the fit without each gauge, for the gauges tested in the present round of the search.
     without: [f32; MAX_GAUGES],
     tested: GaugeMask,
     verdict: Option<u8>,
@@ -224,7 +225,7 @@ impl Monitor {
             }
         }
         if present <= 3 {
-            // Too few gauges for a comparison.
+            // A suspect cannot be compared with so few other gauges, so it counts as dead.
             for i in flat.iter() {
                 state.latch(i, Fault::Dead);
             }
@@ -234,7 +235,8 @@ impl Monitor {
         state.window_periods = 0;
     }
 
-    /// Takes the `difference` (strain) between suspect `i` and the fit of the others.
+    /// Counts the fits in a row that contradict suspect `i`. `difference` is the suspect's strain less that of the fit
+    /// of the others.
     pub(super) fn add_flat_difference(&self, state: &mut State, i: usize, difference: f32) {
         let periods = state.flat_periods.get(i).copied().unwrap_or(0);
         let periods = if difference.abs() > self.config.dead_strain {

@@ -309,8 +309,9 @@ impl Sum {
     }
 }
 
-/// Covariance of a posture, and of its noise. `jacobian` holds the posture's derivatives by the gauges' curvatures.
-/// The noise includes the polynomial's error, estimated from `highest`, its highest Legendre coefficient.
+/// Covariance of a posture, and of its noise. `jacobian` holds the posture's derivatives by the gauges' curvatures. The
+/// noise includes the polynomial's error, estimated from `highest`, the larger of its two highest Legendre
+/// coefficients.
 fn covariances(
     strip: &Strip,
     highest: f32,

@@ -46,14 +46,15 @@ use crate::config::{ConfigError, declare, in_range};
 use crate::math::matrix::scale;
 use period::Period;
 
-/// Most shapes (integrations of the elastica) for a fit without one gauge.
+/// Limit of the integrations of the elastica (*shapes*) for a fit without one gauge.
 const SEARCH_BUDGET: u8 = 16;
-/// Most shapes computed in the tick of an estimate. Four are enough for all fits except one in thousands.
+/// Limit of the integrations of the elastica in the tick of an estimate. Four are enough for all fits except one in
+/// thousands.
 const TICK_BUDGET: u8 = 5;
-/// Most shapes computed in a tick that continues a fit. Other starts and the end of a search take longer than the
-/// number of shapes they count as.
+/// Limit of the integrations of the elastica in a tick that continues a fit. The limit is lower because other starts
+/// and the end of a search take longer than the number of integrations they count as.
 const WORK_BUDGET: u8 = 4;
-/// Most shapes computed to begin a fit.
+/// Limit of the integrations of the elastica to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
 /// Largest ratio of the weighted sum of squared residuals to the degrees of freedom that the stated uncertainties
@@ -131,7 +132,7 @@ pub struct Solution {
     pub relative: RelativePosture,
     /// End forces; `None` unless the elastica gave the posture.
     pub wrench: Option<Wrench>,
-    /// Gauges used.
+    /// Gauges used for the posture.
     pub used: GaugeMask,
     /// Method used: the quadrature replaces a fit of the elastica that did not converge.
     pub method: Method,
@@ -253,7 +254,7 @@ pub struct State {
     health: health::State,
     /// Periods since the start, over which the zeros drift.
     age: u32,
-    /// Strains of the last estimate, and the gauges whose strain is valid.
+    /// Strain of each gauge at the last estimate. `good` holds the gauges whose strain is valid.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
     /// Measured variance of the noise of each gauge's strain, strain².
@@ -272,7 +273,7 @@ struct Work {
     /// Variance of zero drift and excess noise, strain².
     drift: f32,
     purpose: Purpose,
-    /// `None` before the fit has begun.
+    /// Search of the fit; `None` before the fit has begun.
     search: Option<Search>,
 }
 
@@ -306,8 +307,8 @@ pub struct Estimate {
     /// Weighted sum of squared residuals of the elastica; `None` if it was not fitted.
     pub chi_square: Option<f32>,
     /// True if the stated uncertainties explain the residual of the fit, and no gauge has more than three times its
-    /// stated noise. Excess noise enlarges the covariance. So does a residual above the limit of [`health::Config`],
-    /// which starts the search for the faulty gauge if it persists.
+    /// stated noise. Excess noise enlarges the covariance. A residual above the limit of [`health::Config`] also
+    /// enlarges the covariance, and starts the search for the faulty gauge if it persists.
     pub consistent: bool,
 }
 
@@ -323,8 +324,8 @@ impl RelativePositionSensor {
     }
 
     /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A count outside the
-    /// converter's range is a missing conversion. Cost about 100 operations; with an unfinished fit, four shapes
-    /// more.
+    /// converter's range is a missing conversion. Cost: about 100 operations; with an unfinished fit, also four
+    /// integrations of the elastica.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
         if state.work.is_some() {
             self.work(state);
@@ -348,9 +349,9 @@ impl RelativePositionSensor {
     }
 
     /// Closes the period and estimates the posture from the samples since the last call. Cost: one fit of at most
-    /// five shapes. If the fit does not converge, the quadrature replaces it. The fit then continues with the next
-    /// samples ([`Self::sample`]), and the next estimate starts from its result. The search for a faulty gauge also
-    /// runs with the next samples.
+    /// five integrations of the elastica. If the fit does not converge, the quadrature gives the posture. The fit then
+    /// continues with the next samples ([`Self::sample`]), and the next estimate starts from the result of this fit.
+    /// The search for a faulty gauge also runs with the next samples.
     pub fn estimate(&self, state: &mut State) -> Estimate {
         let strip = self.strip();
         let gauges = strip.gauges();
@@ -377,7 +378,8 @@ impl RelativePositionSensor {
         } else {
             None
         };
-        // Without a minimum, the polynomial replaces the fit; its cost is that of a refinement.
+        // Without a converged fit the polynomial gives the posture, at the cost of the refinement that is then left
+        // out.
         let minimum = search.as_ref().filter(|search| search.is_converged());
         let fit = minimum.and_then(|search| solver.finish(search));
         let solution = self.posture.solution(&curvature, used, fit);
@@ -452,7 +454,7 @@ impl RelativePositionSensor {
         for i in 0..MAX_GAUGES {
             let period = &state.periods[i];
             if period.saturated > 0 {
-                // Without the saturated samples the average would be biased.
+                // The average of the other samples would be biased.
                 verdicts[i] = Fault::Saturated;
             } else if period.good == 0 || period.missing > period.good {
                 verdicts[i] = Fault::Missing;

@@ -117,7 +117,8 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     let (id, values) = message.to_values();
     let found = id.and_then(|id| Some((id, layout::find(id)?)));
     let Some((id, layout)) = found else {
-        // The number of the axle or frame is too large, or the sender is the service tool, which has no status.
+        // No identifier: the number of the axle or frame is too large, or the sender is the service tool, which has no
+        // status.
         return Err(EncodeError {
             message: "Message",
             signal: "sender",
@@ -170,7 +171,7 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         .ok_or(DecodeError::Value { id: frame.id })
 }
 
-/// Nearest raw value; `None` for NaN and for a value out of range.
+/// Raw value nearest to a physical value; `None` for NaN and for a value out of the signal's range.
 fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     let scaled = (value - signal.offset) / signal.scale;
     let (low, high) = signal.raw_range();

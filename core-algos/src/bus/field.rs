@@ -6,7 +6,7 @@ use crate::math::{Posture, Wrench};
 use crate::safety::{Conditions, OperatingState};
 use core::slice::{Iter, IterMut};
 
-/// Step of a transmitted odometric position, m.
+/// Resolution of a transmitted odometric position, m.
 pub const POSITION_STEP_M: f32 = 1e-5;
 /// Width of a transmitted odometric position, bits.
 pub const POSITION_BITS: u8 = 20;
@@ -23,7 +23,7 @@ pub(super) type Values = [f32; MAX_SIGNALS];
 wire_enum! {
     /// Result of a calibration.
     CalibrationResult {
-        /// In use and stored.
+        /// The new calibration is in use and stored.
         #[default]
         Stored = "stored",
         /// Refused: the motors are on.
@@ -32,11 +32,11 @@ wire_enum! {
         BadSample = "bad_sample",
         /// Refused: samples scatter too much.
         Noisy = "noisy",
-        /// Refused: the average moved.
+        /// Refused: the average drifted between the two halves of the samples.
         Drifting = "drifting",
-        /// Refused: the result is out of range.
+        /// Refused: the new calibration is out of range.
         OutOfRange = "out_of_range",
-        /// In use, but storing failed.
+        /// The new calibration is in use, but storing it failed.
         NotStored = "not_stored",
     }
 }
@@ -138,9 +138,9 @@ fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
 
 /// Conversion of a message field to one or more signal values, in the order of the signals.
 pub(super) trait Field: Sized {
-    /// Writes the signal values.
+    /// Writes the field's signal values.
     fn write(self, to: &mut IterMut<f32>);
-    /// Takes the values; `None` if they are invalid for this type.
+    /// Reads the field from its signal values; `None` if they are invalid for this type.
     fn read(from: &mut Iter<f32>) -> Option<Self>;
 }
 
@@ -199,7 +199,7 @@ single! {
     CalibrationResult: |result| f32::from(result as u8), |value| Self::from_number(value as u8);
 }
 
-/// Number of an epoch: lowest byte, then the upper 24 bits.
+/// Epoch number as two signals: lowest byte, then the upper 24 bits.
 impl Field for u32 {
     fn write(self, to: &mut IterMut<f32>) {
         (self as u8).write(to);
@@ -212,7 +212,7 @@ impl Field for u32 {
     }
 }
 
-/// Bits of a set: the lowest 24, then the upper ones.
+/// Set of conditions as two signals: the lowest 24 bits, then the upper bits.
 impl Field for Conditions {
     fn write(self, to: &mut IterMut<f32>) {
         let bits = self.bits();
@@ -255,7 +255,7 @@ impl Field for Odometric {
     }
 }
 
-/// Logarithms of the standard deviations, then the correlations.
+/// Covariance as six signals: logarithms of the standard deviations, then the correlations.
 impl Field for Mat3 {
     fn write(self, to: &mut IterMut<f32>) {
         let sigma = [0, 1, 2].map(|i| sqrt(self[i][i]).max(SIGMA_FLOOR));

@@ -19,7 +19,7 @@ pub const BIT_RATE: u32 = 1_000_000;
 pub struct OnBus {
     /// CAN identifier (11 bits).
     pub id: u16,
-    /// Row of the table.
+    /// Layout of the message.
     pub layout: &'static Layout,
     /// Sender.
     pub sender: Node,
@@ -28,13 +28,14 @@ pub struct OnBus {
 }
 
 impl fmt::Display for OnBus {
-    /// Writes the name in the bus description.
+    /// Writes the name of the message in the bus description.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{}{}", self.layout.name, self.suffix)
     }
 }
 
-/// Node that owns the message at this offset from the first identifier of its row.
+/// Node that owns the message `offset` above the first identifier of its kind; `None` for a message of the robot and
+/// for an unknown offset.
 fn owner(of: Of, offset: u16) -> Option<Node> {
     match of {
         Of::Robot => None,
@@ -48,7 +49,7 @@ fn owner(of: Of, offset: u16) -> Option<Node> {
     }
 }
 
-/// The messages on the bus of a robot, by identifier.
+/// The messages on the bus of a robot, in the order of their identifiers.
 pub fn messages(topology: Topology) -> impl Iterator<Item = OnBus> {
     MESSAGES.iter().flat_map(move |layout| {
         // The boards of frames have the largest offsets, below 0x20.
@@ -56,7 +57,7 @@ pub fn messages(topology: Topology) -> impl Iterator<Item = OnBus> {
     })
 }
 
-/// Message at an offset of a row; `None` if the robot has none.
+/// Message `offset` above the first identifier of `layout`; `None` if the robot has no such message.
 fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<OnBus> {
     let owner = match layout.of {
         Of::Robot if offset > 0 => return None,
@@ -87,7 +88,7 @@ fn suffix(topology: Topology, of: Of, owner: Node) -> &'static str {
     }
 }
 
-/// Check number of the table (FNV-1a): identifiers, widths, scales and offsets of the messages of two axles.
+/// Check number (FNV-1a) of the messages of two axles: identifiers, and the signals' widths, signs, scales and offsets.
 pub fn schema() -> u8 {
     let mut sum = 0x811c_9dc5_u32;
     let mut add = |word: u32| {
@@ -106,7 +107,7 @@ pub fn schema() -> u8 {
     (sum ^ sum >> 8 ^ sum >> 16 ^ sum >> 24) as u8
 }
 
-/// The row of the table for an identifier; `None` if no message has the identifier.
+/// Layout of the message with this identifier; `None` if no message has the identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {
     MESSAGES.iter().find(|layout| {
         id.checked_sub(layout.id)
@@ -126,7 +127,7 @@ pub fn sender(id: u16) -> Option<Node> {
     }
 }
 
-/// Timeout of the message with this first identifier, ms; 0 if it has none or is unknown.
+/// Timeout of the message with this first identifier, ms; 0 if the message has no timeout or does not exist.
 pub const fn timeout_ms(id: u16) -> u16 {
     let mut i = 0;
     while i < MESSAGES.len() {
@@ -138,7 +139,7 @@ pub const fn timeout_ms(id: u16) -> u16 {
     0
 }
 
-/// Timeout of the message with this first identifier, s; 0 if it has none or is unknown.
+/// Timeout of the message with this first identifier, s; 0 if the message has no timeout or does not exist.
 pub const fn timeout_s(id: u16) -> f32 {
     timeout_ms(id) as f32 / 1000.0
 }

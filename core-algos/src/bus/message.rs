@@ -41,8 +41,8 @@ const UNCERTAINTY: [Signal; 6] = [
     Signal::signed("correlation_yphi", 8, 1.0 / 127.0, ""),
 ];
 
-/// Row: meaning and name; owner, if each axle, frame, board or node has such a message; first identifier and sender;
-/// period and timeout, ms, 0 if none; fields with meaning, type and signals.
+/// Table of messages. A message has: meaning and name; owner, if each axle, frame, board or node has such a message;
+/// first identifier and sender; period and timeout, ms, 0 if none; fields with meaning, type and signals.
 macro_rules! messages {
     ($(
         $(#[doc = $meaning:literal])+
@@ -61,7 +61,7 @@ macro_rules! messages {
             $(#[doc = $meaning])+
             $name {
                 $(
-                    /// Owner.
+                    /// Axle, frame, board or node that owns the message.
                     $(#[$whose])*
                     $which: $kind,
                 )?
@@ -128,7 +128,7 @@ macro_rules! messages {
     };
 }
 
-/// Kind of a message.
+/// Kind of a message, from the type of its owner.
 macro_rules! of {
     () => {
         Of::Robot
@@ -152,7 +152,7 @@ pub(super) trait Placed: Sized {
     /// Offset from the first identifier; `None` if the number is too large or the node has no such message.
     fn offset(self) -> Option<u16>;
 
-    /// Owner of the message at this offset.
+    /// Owner of the message at this offset; `None` if no owner has the offset.
     fn at(offset: u16) -> Option<Self>;
 }
 

@@ -17,9 +17,9 @@ pub struct Signal {
     pub offset: f32,
     /// Unit of the physical value; empty for a pure number.
     pub unit: &'static str,
-    /// Names of the raw values 0, 1, 2…, the only valid ones; empty for a quantity.
+    /// Names of the raw values 0, 1, 2…; no other raw value is valid. Empty for a quantity.
     pub labels: &'static [&'static str],
-    /// Meaning of the field.
+    /// Meaning of the message field to which the signal belongs.
     pub meaning: &'static str,
 }
 
@@ -114,9 +114,9 @@ pub enum Of {
 /// Sender of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sender {
-    /// This node.
+    /// Always this node.
     Node(Node),
-    /// The owner: the node of the axle, frame or board, or the node itself.
+    /// Owner of the message: the node of the axle, frame or board, or the node itself.
     Own,
 }
 

@@ -20,17 +20,17 @@ const TANGENT: [f32; 4] = [1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0];
 /// Dimensions of the frame, and coefficients of the start value of a steering angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Arc {
-    /// L/2, m.
+    /// Half the flexible length L, m.
     half_length: f32,
-    /// a, m.
+    /// Rigid section a at each end, m.
     rigid_end: f32,
-    /// h(0), m.
+    /// Half the chord of the straight frame, h(0), m.
     half_chord: f32,
     /// ψ ≈ r (1 + s₀ r² + s₁ r⁴)/(1 + s₂ r² + s₃ r⁴) with r = κ h(0).
     start: [f32; 4],
 }
 
-/// Shape of the frame at one steering angle.
+/// Chord and path curvature of the frame at one steering angle.
 pub(super) struct Shape {
     /// 1/cos ψ.
     pub sec: f32,
@@ -80,7 +80,7 @@ impl Arc {
         }
     }
 
-    /// L, m.
+    /// Flexible length L, m.
     pub fn length(&self) -> f32 {
         2.0 * self.half_length
     }
@@ -99,7 +99,7 @@ impl Arc {
         }
     }
 
-    /// Shape of the frame at a steering angle.
+    /// Chord and path curvature at a steering angle.
     pub fn bent(&self, psi: Steering) -> Shape {
         let half = self.half(psi.0);
         let sec = 1.0 / half.cos;
@@ -173,7 +173,7 @@ impl Arc {
 /// Coefficients of the start value of a steering angle, for a frame with this share of rigid ends. They invert the
 /// power series of κ h(0) in ψ by a quotient exact to the ninth power.
 fn start(share: f32) -> [f32; 4] {
-    // h(ψ)/h(0) = 1 − α ψ² + β ψ⁴ − γ ψ⁶ + δ ψ⁸, and its inverse.
+    // h(ψ)/h(0) = 1 − α ψ² + β ψ⁴ − γ ψ⁶ + δ ψ⁸, and the coefficients of the series of h(0)/h(ψ).
     let alpha = (1.0 + 2.0 * share) / 6.0;
     let beta = (1.0 + 4.0 * share) / 120.0;
     let gamma = (1.0 + 6.0 * share) / 5040.0;
@@ -182,13 +182,13 @@ fn start(share: f32) -> [f32; 4] {
     let second = alpha * first - beta;
     let third = alpha * second - beta * first + gamma;
     let fourth = alpha * third - beta * second + gamma * first - delta;
-    // κ h(0) = ψ + a ψ³ + b ψ⁵ + c ψ⁷ + d ψ⁹.
+    // Series κ h(0) = ψ + a ψ³ + b ψ⁵ + c ψ⁷ + d ψ⁹.
     let [t1, t2, t3, t4] = TANGENT;
     let a = t1 + first;
     let b = t2 + t1 * first + second;
     let c = t3 + t2 * first + t1 * second + third;
     let d = t4 + t3 * first + t2 * second + t1 * third + fourth;
-    // ψ = r + f r³ + g r⁵ + h r⁷ + i r⁹.
+    // Inverse series, with r = κ h(0): ψ = r + f r³ + g r⁵ + h r⁷ + i r⁹.
     let f = -a;
     let g = 3.0 * a * a - b;
     let h = 8.0 * a * b - c - 12.0 * a * a * a;

@@ -97,7 +97,7 @@ pub struct AxleReference {
     pub posture: Posture,
     /// Forward velocity and yaw rate (v_r).
     pub twist: Twist,
-    /// Rates of both (v̇_r): m/s², rad/s².
+    /// Rates of forward velocity and yaw rate (v̇_r): m/s², rad/s².
     pub acceleration: Twist,
 }
 
@@ -122,12 +122,12 @@ pub struct Cascade {
 }
 
 impl Cascade {
-    /// Largest steering angle, rad.
+    /// Limit of the steering angle, rad.
     pub fn max_steering(&self) -> f32 {
         self.max_steering
     }
 
-    /// Path curvature at the largest steering angle, 1/m.
+    /// Path curvature at the limit of the steering angle, 1/m.
     pub fn max_curvature(&self) -> f32 {
         self.max_curvature
     }
@@ -209,7 +209,7 @@ impl Cascade {
         let yaw_rate = v * shape.kappa;
         let yaw_acceleration = v_rate * shape.kappa + v * shape.kappa_slope * psi_rate;
 
-        // Relative rate of 1/cos ψ.
+        // Rate of 1/cos ψ divided by 1/cos ψ, 1/s.
         let growth = shape.tan * psi_rate;
         let speed_rate = v_rate + v * growth;
         // Half the rate of the chord and its derivative, then both converted to the axles' headings.

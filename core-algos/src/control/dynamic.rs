@@ -70,7 +70,7 @@ use crate::topology::Wheels;
 declare! {
     /// Source of the load of the frame on the axle.
     pub enum FrameForce, default Reference {
-        /// A disturbance: not compensated, not in ξ.
+        /// A disturbance: neither compensated nor a component of ξ.
         Off = "off",
         /// Pure bending at the reference steering angle.
         Reference = "reference",
@@ -80,7 +80,7 @@ declare! {
 }
 
 ::declare::declare! {
-    /// Speed–torque line of the motors, at the wheel. A file must give both numbers.
+    /// Speed–torque line of the motors, at the wheel. A configuration file must give both numbers.
     #[derive(Clone, Copy, Debug, PartialEq)]
     #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
     #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -110,7 +110,7 @@ declare! {
         pub yaw_rate_gain_nm_s_rad: f32 = 3.5, "N m s/rad": Range(0.01, 1e3);
         /// Largest ‖ξ‖².
         pub max_xi_squared: f32 = 2.0, "": Positive;
-        /// True if ‖F_K‖ is an entry of ξ; no effect if the frame force is off.
+        /// True if ‖F_K‖ is a component of ξ; no effect if the frame force is off.
         pub frame_force_in_xi: bool = true;
         /// Source of the load of the frame.
         pub frame_force: FrameForce = FrameForce::Reference;
@@ -146,7 +146,7 @@ impl Config {
         if let Some(motor) = self.motor {
             motor.check_ranges()?;
         }
-        // (SᵀE)⁻¹.
+        // Factors of (SᵀE)⁻¹: wheel torque per force along the heading, m, and per moment.
         let (per_force, per_moment) = (0.5 * radius, 0.5 * radius / half_track);
         // Both wheels roll with the axle: their rotational inertia adds to the mass and the yaw inertia.
         let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
@@ -214,7 +214,7 @@ pub struct Dynamic {
     yaw_inertia: f32,
     yaw_rate_gain: f32,
     moment_share: f32,
-    /// Share of ‖F_K‖² in ‖ξ‖².
+    /// 1 if ‖F_K‖ is a component of ξ, otherwise 0.
     frame_in_xi: f32,
     /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m); `None` if the
     /// torque limit holds at any speed.

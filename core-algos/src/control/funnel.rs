@@ -21,9 +21,8 @@ pub const ARRIVAL_WEIGHT: f32 = 3.0;
 /// Greatest |α| (+ |η| where αη < 0), rad.
 pub const MAX_BEARING_RAD: f32 = 2.4;
 
-/// Curvature (1/m) that the funnel needs at `error`: the error lies in the funnel of κ_d when this
-/// is at most κ_d and the bearing is within its bound. `error` as seen along the driving direction.
-/// Infinite at distance 0.
+/// Curvature (1/m) that the funnel needs at `error`: the error lies in the funnel of κ_d if this curvature is at most
+/// κ_d and the bearing is within its bound. `error` is as seen along the driving direction. Infinite at distance 0.
 pub fn needed_curvature(error: PolarError) -> f32 {
     let demand = 2.0 * sin(error.alpha).abs() + ARRIVAL_WEIGHT * error.arrival().abs();
     if error.distance_m > 0.0 {
@@ -33,7 +32,7 @@ pub fn needed_curvature(error: PolarError) -> f32 {
     }
 }
 
-/// True if the bearing is within its bound.
+/// True if |α|, plus |η| where αη < 0, is at most [`MAX_BEARING_RAD`].
 fn bearing_allowed(alpha: f32, eta: f32) -> bool {
     let opposed = if alpha * eta < 0.0 { eta.abs() } else { 0.0 };
     alpha.abs() + opposed <= MAX_BEARING_RAD
@@ -167,7 +166,7 @@ mod tests {
             prop_assert!((0.9..most).contains(&ratio), "{ratio}");
         }
 
-        /// The search's form of the funnel test agrees with [`contains`].
+        /// The funnel test of [`Candidate::lengths`] agrees with [`contains`].
         #[test]
         fn candidate_agrees_with_contains(
             e in 0.15f32..4.0, alpha in -PI..PI, eta in -PI..PI, curvature in 1.0f32..3.0,

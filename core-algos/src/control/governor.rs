@@ -119,20 +119,21 @@ impl Config {
 /// Limits and gains of one step, for a fixed interval between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Gains {
-    /// Interval between two steps, s. Below: half the interval, s, and the inverse of the interval, 1/s.
+    /// Interval between two steps, s. The next two fields: half the interval, s, and the inverse of the interval, 1/s.
     dt: f32,
     half_dt: f32,
     per_dt: f32,
-    /// Change of ψ̇ in a step per error of ψ (1/s) and per error of ψ̇. Both poles of the filter are at `e^(−ω dt)`
-    /// for an acceleration that is constant over the step: stable at any interval.
+    /// Change of ψ̇ in a step per error of ψ, 1/s. `damping` is the change per error of ψ̇. Both poles of the filter
+    /// are at `e^(−ω dt)` for an acceleration that is constant over the step: stable at any interval.
     stiffness: f32,
     damping: f32,
-    /// Largest change of ψ̇ in a step, rad/s, and its square.
+    /// Limit of the change of ψ̇ in a step, rad/s. `bending_square` is the square of the limit.
     bending: f32,
     bending_square: f32,
-    /// Step response of the lag of v after one step.
+    /// Share of the error of v that its lag corrects in one step.
     speed_share: f32,
-    /// Change of v in a step, m/s: the largest, that of a stop, and that of the final ramp.
+    /// Limit of the change of v in a step, m/s. The next two fields: change of v in a step of a stop, and of the final
+    /// ramp, m/s.
     ramp: f32,
     stop_ramp: f32,
     final_ramp: f32,
@@ -199,14 +200,14 @@ impl GovernorInput {
 pub struct State {
     /// The smooth reference.
     pub motion: Motion,
-    /// Time since v became zero, s; 0 in motion.
+    /// Time since v became zero, s; 0 in motion. The timer ends at a limit that exceeds the reversal hold.
     pub rest_s: f32,
     /// Direction in which O last moved: 1, −1, or 0 before the first motion.
     pub direction: f32,
 }
 
 impl State {
-    /// At rest at the steering angle `psi`; NaN counts as straight.
+    /// State at rest at the steering angle `psi`; NaN counts as straight.
     pub fn at_rest(psi: Steering) -> Self {
         Self {
             motion: Motion {
@@ -231,9 +232,9 @@ pub struct Governor {
     max_steering_rate: f32,
     /// Wheel speed left for driving while the frame bends at full rate, m/s.
     wheel_speed_left: f32,
-    /// Up to this |ψ|, rad, the wheels allow the largest speed.
+    /// Largest |ψ|, rad, at which no wheel limits the speed of O.
     unlimited_steering: f32,
-    /// 1/rad.
+    /// Inverse of the steering tolerance, 1/rad.
     per_steering_tolerance: f32,
     /// Twice the largest |ψ̈|, rad/s².
     twice_bending: f32,
@@ -285,7 +286,7 @@ impl Governor {
         good
     }
 
-    /// Largest |d speed_limit/dψ| within the steering limit, m/(s rad).
+    /// Upper bound of |d speed_limit/dψ| within the steering limit, m/(s rad).
     fn steepest_speed_limit(&self) -> f32 {
         let step = self.config.max_steering_rad / SAMPLES as f32;
         let mut steepest = 0.0f32;
@@ -295,7 +296,7 @@ impl Governor {
             steepest = steepest.max((last - next) / step);
             last = next;
         }
-        // The steepest point may lie between two samples.
+        // The speed limit may be steepest between two samples.
         1.05 * steepest
     }
 

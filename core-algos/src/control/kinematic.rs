@@ -169,7 +169,7 @@ impl From<PolarError> for PolarTerms {
 }
 
 impl PolarTerms {
-    /// Computed from the angles, for distances near zero.
+    /// Terms computed from the angles θ and α, for distances near zero.
     #[cold]
     #[inline(never)]
     fn at(posture: Posture, reference: Posture) -> Self {
@@ -251,7 +251,7 @@ declare! {
         pub approach_gain_m_s: f32 = 1.5, "m/s": Range(1e-4, 20.0);
         /// Rate at which η = θ + α decays (k2).
         pub heading_gain_rad_s: f32 = 2.0, "rad/s": Range(0.01, 20.0);
-        /// Denominator of the velocity.
+        /// Form of the denominator of the velocity in equation 4.
         pub form: Form = Form::Derived;
         /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
         pub denominator_floor: f32 = 0.3, "": Range(0.0, 1.0);
@@ -279,10 +279,10 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     config: Config,
-    /// r√2, m, and twice that.
+    /// r√2, m. `twice_manifold` is 2r√2, m.
     manifold: f32,
     twice_manifold: f32,
-    /// The denominator has a positive floor.
+    /// True if the denominator has a positive floor.
     floored: bool,
 }
 

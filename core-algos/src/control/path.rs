@@ -76,7 +76,7 @@ declare! {
         pub reaction_time_s: f32 = 0.2, "s": NonNegative;
         /// Length of path ahead of the last position that is searched for the robot.
         pub search_window_m: f32 = 0.1, "m": Positive;
-        /// Remaining distance at which the end counts as reached.
+        /// Remaining distance at which the end of the path counts as reached.
         pub end_tolerance_m: f32 = 0.002, "m": Positive;
     }
 }
@@ -101,9 +101,9 @@ impl Config {
 /// Distance by which the reference runs ahead of O along the path, so that O, which trails it, stays on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Lead {
-    /// r√(2ε), m.
+    /// Distance by which O trails a reference on a straight path, r√(2ε), m.
     rest: f32,
-    /// r, m.
+    /// Circle radius r of law (4), m.
     radius: f32,
 }
 
@@ -135,7 +135,7 @@ impl Lead {
 struct SteeringLaw {
     cascade: Cascade,
     law: Law,
-    /// v_0, m/s.
+    /// Nominal speed v_0, m/s.
     nominal_speed: f32,
 }
 
@@ -234,8 +234,8 @@ impl Follower {
             .governor_input(&center.into(), reference.reference, reference.kappa, rates)
     }
 
-    /// Progress of `center` (the posture of O) along the path: at the first step the nearest point of the whole path,
-    /// later the nearest point within the search window ahead of the last point.
+    /// Progress of `center` (the posture of O) along the path. At the first step: the nearest point of the whole path.
+    /// Later: the nearest point, ahead of the last point, of the segments that begin within the search window.
     fn progress<const N: usize>(
         &self,
         last: &Progress,

@@ -37,7 +37,7 @@ declare! {
         pub pair_step_m: f32 = 0.08, "m": Range(5e-3, 1.0);
         /// Longest straight segment. An arc is at most one full turn.
         pub max_straight_m: f32 = 3.0, "m": Range(0.1, 100.0);
-        /// Least distance from the goal at which the approach may begin.
+        /// Least distance from the goal at which the approach law may take over.
         pub min_approach_m: f32 = 0.15, "m": Positive;
         /// Margin to the funnel's bound `κ_d e` at the beginning of the approach: room for errors
         /// of execution.
@@ -103,7 +103,7 @@ impl Pose {
         }
     }
 
-    /// The end of a segment that starts at the origin.
+    /// Posture at the end of a segment that starts at the origin.
     fn arc(segment: Segment) -> Self {
         let ds = segment.direction.sign() * segment.length_m;
         let turn = ds * segment.curvature;
@@ -122,24 +122,24 @@ impl Pose {
 /// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// One segment: motion, grid steps along the segment.
+    /// Plans of one segment: index of the segment's motion in [`MOTIONS`], and its length in grid steps.
     Single { motion: u8, steps: u16 },
-    /// Two segments: steps along the first (all motions advance together), motion of the first, motion of the second,
-    /// steps along the second.
+    /// Plans of two segments: length of the first in grid steps (lengthened for all motions together), index of the
+    /// first motion, index of the second, length of the second in grid steps.
     Pair {
         first_steps: u16,
         first: u8,
         second: u8,
         steps: u16,
     },
-    /// Descent over the lengths of the best plan: next change to try, step, and true if a change with this step
-    /// helped.
+    /// Refinement of the best plan's lengths: index of the next change to try, size of a change (m), and true if a
+    /// change of this size lowered the cost.
     Refine {
         change: u8,
         step_m: f32,
         helped: bool,
     },
-    /// Done.
+    /// The search is complete.
     Finished,
 }
 
@@ -179,14 +179,16 @@ pub struct Search {
     start: Pose,
     best: Option<Plan>,
     stage: Stage,
-    /// Ends of the first segments of the current length, by motion; true if the branch is still within the bound.
+    /// For each motion: end of a first segment of the current length, and true if a plan that begins with this segment
+    /// may still be better than the best.
     middle: [(Pose, bool); 6],
     here: Pose,
     evaluated: u32,
 }
 
 impl Search {
-    /// Stores a better plan: its segments, with cost and direction of approach from [`Planner::evaluate`].
+    /// Stores the plan of these segments, with the cost and direction of approach in `found`. Does nothing without
+    /// `found`.
     fn improve(
         &mut self,
         (first, second): (Option<Segment>, Option<Segment>),
@@ -209,7 +211,8 @@ pub struct Planner {
     config: Config,
     /// κ_d, 1/m.
     curvature: f32,
-    /// One grid step of each motion, so that a candidate costs no trigonometry.
+    /// Change of posture in one grid step of each motion, so that a candidate costs no trigonometry. `single_steps` is
+    /// for plans of one segment, `pair_steps` for plans of two.
     single_steps: [Pose; MOTIONS.len()],
     pair_steps: [Pose; MOTIONS.len()],
 }

@@ -117,7 +117,7 @@ const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 const OUTSIDE_S: f32 = 0.1;
 /// Time without commanded motion after which the approach ends, s.
 const STALL_S: f32 = 1.0;
-/// Largest distance between two postures of a robot that is stuck in the same place, m.
+/// Distance between two postures up to which a robot is stuck in the same place, m.
 const SAME_PLACE_M: f32 = 0.01;
 /// Factor by which each attempt widens the accepted errors.
 const WIDENING: f32 = 1.6;
@@ -192,8 +192,8 @@ impl Regulator {
         }
     }
 
-    /// True if the robot is commanded to move and does not: friction can exceed the torque at a small speed or with a
-    /// failed motor.
+    /// True if the robot, commanded to drive, has not moved for [`STUCK_S`]: friction can exceed the torque at a small
+    /// speed or with a failed motor.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
         let dt = EPOCH_S;
@@ -248,7 +248,7 @@ impl Regulator {
         (kappa.kappa - curvature_of_steering(psi, length)) / slope
     }
 
-    /// Factor that reduces the speed while the steering error is large.
+    /// Factor, 0 to 1, that reduces the speed while the steering error is large.
     fn patience(&self, kappa: f32, psi: Steering) -> f32 {
         let share = self.steering_error(kappa, psi).abs() / self.config.steering_wait_rad;
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
@@ -493,7 +493,8 @@ impl Regulator {
             curvature,
             length_m: self.config.final_arc_m,
         };
-        // Remaining distance along the arc and deviation from it: a projection with one correction.
+        // Projects the posture onto the arc, with one correction: `left` is the remaining distance, `off` the
+        // deviation.
         let relative = input.posture.relative_to(input.goal);
         let first = -sign * relative.x;
         let off = input

@@ -2,12 +2,12 @@
 
 use crate::math::Posture;
 
-/// Time without motion after which a robot is stuck, s.
+/// Time of commanded motion after which a robot that has not moved is stuck, s.
 pub const STUCK_S: f32 = 2.0;
-/// Distance that counts as motion, m.
+/// Distance above which a robot has moved, m.
 const MOVED_M: f32 = 1e-3;
 
-/// Time without motion, and the posture at the last motion.
+/// Time for which the robot was commanded to move and did not, and the posture from which its motion is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stuck {
     at: Posture,
@@ -22,7 +22,7 @@ impl Stuck {
     };
 
     /// Observes O at `posture` after `dt` seconds; `commanded` is true if the robot is commanded to move. Returns the
-    /// time without motion, s.
+    /// time for which the robot has been commanded to move and has not, s.
     pub fn step(&mut self, commanded: bool, posture: Posture, dt: f32) -> f32 {
         if commanded && posture.distance(self.at) <= MOVED_M {
             self.time_s += dt;
@@ -35,7 +35,7 @@ impl Stuck {
         self.time_s
     }
 
-    /// Restarts the count.
+    /// Sets the time to zero; the posture stays.
     pub fn reset(&mut self) {
         self.time_s = 0.0;
     }

@@ -19,16 +19,16 @@ use crate::math::trig::lag_gain;
 use crate::time::TICK_S;
 use core::f32::consts::TAU;
 
-/// Most counts: `f32` holds every whole number up to this one.
+/// Limit of the counts per revolution: `f32` holds every whole number up to this limit.
 const MAX_COUNTS: f32 = 16_777_215.0;
 
 declare! {
-    /// Encoder and bandwidth.
+    /// Encoder of a wheel, and bandwidth of the observer.
     pub struct Config {
         /// Bandwidth of the observer (b).
         pub bandwidth_rad_s: f32 = 250.0, "rad/s": Range(1.0, 2000.0);
-        /// Largest speed of the wheel. A count that differs from the prediction by more than this speed reaches in
-        /// one interval is a jump of the counter.
+        /// Largest speed of the wheel. A count that differs from the prediction by more than the angle at this speed
+        /// since the last count is a jump of the counter.
         pub max_speed_rad_s: f32 = 60.0, "rad/s": Positive;
         derived {
             /// Encoder counts per revolution of the wheel, gear and edges included.
@@ -61,14 +61,14 @@ pub struct State {
     pub speed_rad_s: f32,
     /// Estimated angle travelled in the last step, rad.
     pub increment_rad: f32,
-    /// True if the last count was a jump of the counter. This count is the new origin; speed and increment are
+    /// True if this step's count was a jump of the counter. The count is the new origin; speed and increment are
     /// predicted.
     pub jumped: bool,
     /// Last count; `None` before the first.
     count: Option<i32>,
     /// Estimated angle less the angle of the last count, counts.
     remainder: f32,
-    /// Intervals since the last count.
+    /// Intervals without a count since the last count, at most 1000.
     missed: f32,
 }
 
@@ -77,9 +77,9 @@ pub struct State {
 pub struct WheelObserver {
     radians_per_count: f32,
     angle_gain: f32,
-    /// rad/s per count of error.
+    /// Correction of the speed per count of error, rad/s.
     speed_gain: f32,
-    /// Largest error of a count that is not a jump, counts.
+    /// Error of a count above which the count is a jump, counts. The bound grows with each interval without a count.
     largest_error: f32,
 }
 

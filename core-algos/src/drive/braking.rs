@@ -9,9 +9,9 @@
 /// Limits of standstill.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Largest current of a shorted motor that stands still, A.
+    /// Limit of a motor's mean current, A. Up to this current the shorted motor counts as standing still.
     pub current_a: f32,
-    /// Largest speed of a wheel that stands still, rad/s.
+    /// Limit of a wheel's speed, rad/s. Up to this speed the wheel counts as standing still.
     pub speed_rad_s: f32,
     /// Successive PWM periods for which current and speed must be within their limits.
     pub periods: u16,
@@ -26,7 +26,8 @@ pub struct Braking {
     still: u16,
 }
 
-/// Weight of a new reading in the mean: noise and converter steps of a single reading exceed the limit.
+/// Weight of a new reading in the mean. A single reading is not used alone, because its noise and its converter step
+/// exceed the limit.
 const SHARE: f32 = 1.0 / 64.0;
 
 impl Braking {
@@ -39,7 +40,7 @@ impl Braking {
         }
     }
 
-    /// Resets the detector, while the motors are driven.
+    /// Resets the detector; called while the motors are driven.
     pub fn reset(&mut self) {
         (self.mean_a, self.still) = ([None; 2], 0);
     }

@@ -16,10 +16,11 @@ pub struct Pins {
 }
 
 /// Pins for a signed duty, −1 to 1, with a timer that counts to `top`. Larger magnitudes count as ±1, NaN as 0. The
-/// compare value is the nearest one, except for rounding in `f32`: below 0.01 counts.
+/// compare value is rounded to the nearest count; `f32` adds an error below 0.01 counts.
 pub fn pins(duty: f32, top: u16) -> Pins {
     let magnitude = lesser(1.0, duty.abs());
-    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest. NaN becomes 0.
+    // The sum is at most 65 535.5, and the cast truncates and saturates, so the result is the nearest count. NaN
+    // becomes 0.
     Pins {
         compare: (magnitude * f32::from(top) + 0.5) as u16,
         forward: duty > 0.0,

@@ -127,7 +127,7 @@ impl CurrentLoop {
     pub fn step(&self, state: &mut State, input: &Input) -> Output {
         let (torque, current, speed) = (input.torque_nm, input.current_a, input.speed_rad_s);
         let off = !(all_finite([torque, current, speed, input.supply_v])
-            // With a smaller supply the duty, a quotient, would round beyond its bound.
+            // A supply below the smallest normal number would round the quotient `duty` beyond its bound.
             && input.supply_v >= f32::MIN_POSITIVE
             && input.limit_a >= 0.0);
         if off {

@@ -8,7 +8,7 @@ use crate::safety::Condition;
 /// Limits, and the number of successive PWM periods after which each trips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Largest current of a motor, A, and periods beyond it.
+    /// Current limit of a motor, A, and number of periods beyond the limit after which the protection trips.
     pub current: (f32, u16),
     /// Periods of a driver fault after which the protection trips.
     pub fault_periods: u16,
@@ -103,7 +103,7 @@ impl Protection {
     }
 }
 
-/// Counts successive periods with `so`; true from `periods` of them on.
+/// Counts successive periods in which `so` is true; returns true once there are `periods` of them.
 fn lasts(count: &mut u16, so: bool, periods: u16) -> bool {
     *count = if so { count.saturating_add(1) } else { 0 };
     *count >= periods
@@ -135,7 +135,7 @@ mod tests {
         }
     }
 
-    /// Periods until a spoiled sample trips, up to 1 s; 50 good periods come first.
+    /// Periods with a spoiled sample until the protection trips, up to 1 s; 50 good periods come first.
     fn periods(spoil: impl Fn(&mut Sample)) -> Option<(usize, Condition)> {
         let mut protection = Protection::new(LIMITS);
         for _ in 0..50 {

@@ -25,9 +25,9 @@ declare! {
         pub period_s: f32 = current::Config::default().period_s, "s": Range(1e-6, 1e-2);
         /// Length of a window.
         pub window_s: f32 = 0.01, "s": Range(4e-6, 1.0);
-        /// Largest residual voltage without current.
+        /// Allowed residual voltage without current.
         pub tolerance_v: f32 = 1.5, "V": Range(0.1, 100.0);
-        /// Share of R i by which the residual voltage may be larger.
+        /// Further allowed residual voltage, as a share of R i.
         pub tolerance_share: f32 = 0.6, "": Range(0.0, 5.0);
     }
 }
@@ -59,12 +59,12 @@ pub struct State {
     voltage: f32,
     current: f32,
     speed: f32,
-    /// True if the voltage of the last window was not explained.
+    /// True if current and speed did not explain the voltage of the last window.
     unexplained: bool,
 }
 
 impl State {
-    /// True if the voltage of the last whole window was not explained.
+    /// True if current and speed did not explain the voltage of the last whole window.
     pub fn unexplained(&self) -> bool {
         self.unexplained
     }
@@ -74,7 +74,7 @@ impl State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     resistance: f32,
-    /// L/T, Ω.
+    /// L/T, Ω: voltage across the inductance per change of the current in a period.
     rise: f32,
     torque_constant: f32,
     periods: u16,
@@ -103,7 +103,8 @@ impl Response {
         state.speed += speed_rad_s;
     }
 
-    /// True if the residual of a whole window that ends with the current `last` (A) is within the tolerance.
+    /// True if current and speed explain the voltage of a whole window that ends with the current `last` (A): the
+    /// residual is within the tolerance.
     fn explains(&self, state: &State, last: f32) -> bool {
         let share = 1.0 / f32::from(self.periods);
         let current = state.current * share;

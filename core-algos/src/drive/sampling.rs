@@ -24,18 +24,18 @@ pub struct Timing {
     pub top: u16,
     /// Largest trim of the top to either side.
     pub trim: u16,
-    /// Time from the trigger to the end of the last reading.
+    /// Time from the trigger to the end of the last sampling.
     pub window: u16,
     /// Least time from an edge of the timer to the first reading, at any pair of duties.
     pub settling: u16,
-    /// Least time from the end of the last reading to the next edge.
+    /// Least time from the end of the last sampling to the next edge.
     pub margin: u16,
     /// Smallest compare value whose trigger pulse is long enough for the converter.
     pub earliest: u16,
 }
 
 impl Timing {
-    /// Builds the sampling; `None` if there is a pair of duties without a clean place.
+    /// Builds the sampling; `None` if a pair of duties leaves no place for the window that is free of edges.
     pub const fn build(self) -> Option<Sampling> {
         let half = self.window / 2;
         let lowest_top = self.top.checked_sub(self.trim);
@@ -43,7 +43,7 @@ impl Timing {
         else {
             return None;
         };
-        // In 32 bits, so that nothing overflows.
+        // The sums are computed in 32 bits, so that they do not overflow.
         let (lowest, window) = (lowest_top as u32, self.window as u32 + self.margin as u32);
         let (on, settling) = (self.earliest as u32, self.settling as u32);
         let off = self.top - half;
@@ -52,8 +52,9 @@ impl Timing {
             return None;
         };
         let (on_from, between_from) = (on + window, between as u32 + window);
-        // The worst pairs of duties: the longer pulse is just too long for the place around the top. The shorter pulse
-        // is just too short for the place after zero, or gives the places after zero and half-way equal clearance.
+        // The worst pairs of duties. In both the longer pulse is just too long for the window around the top. The
+        // shorter pulse is just too short for the window after zero, or leaves equal clearance after zero and half-way
+        // up.
         let at_the_top = between_from <= off_up_to + 1;
         let after_zero = on_from + settling <= between as u32;
         let equal = on + between as u32 >= 2 * settling;
@@ -72,11 +73,12 @@ impl Timing {
     }
 }
 
-/// Timing of the axle board: 168 counts per microsecond, two conversions of 28 cycles at 21 MHz.
+/// Timing of the axle board: 168 counts per microsecond, two conversions of 40 cycles at 21 MHz, of which 28 are the
+/// sampling time.
 pub const AXLE: Timing = Timing {
     top: 4200,
     trim: i8::MAX as u16,
-    // 3.24 µs.
+    // 3.24 µs: one conversion and the sampling time of the next.
     window: 544,
     // 5.5 µs.
     settling: 930,
@@ -86,7 +88,7 @@ pub const AXLE: Timing = Timing {
     earliest: 84,
 };
 
-/// The three places of the window, and the compare values of the motors for which they are clean.
+/// The three places of the conversion window in a period, and the compare values of the motors without an edge there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
     off: u16,
@@ -105,7 +107,7 @@ impl Sampling {
         let (shorter, longer) = if a < b { (a, b) } else { (b, a) };
         // A motor without pulses has no edges.
         let shorter = if shorter == 0 { longer } else { shorter };
-        // Counts since the latest edge at each place.
+        // Counts since the latest edge, for the window at the top and for the window after zero.
         let at_off = if longer <= self.off_up_to {
             self.off.saturating_sub(longer)
         } else {
@@ -197,7 +199,7 @@ mod tests {
         }
     }
 
-    /// The compare values lie on both sides of each change of the place.
+    /// The compare values lie on both sides of each boundary between two places of the window.
     #[test]
     fn window_is_clean_at_each_change_of_the_place() {
         let limits = [
@@ -261,8 +263,8 @@ mod tests {
         assert!(worst > 0.005, "{worst}");
     }
 
-    /// Counts from the latest edge to a window at `place`; `None` if the window has an edge. A compare value of 0 or
-    /// above the top gives no edges.
+    /// Counts from the latest edge to a window that begins at `place`; `None` if the window has an edge. A compare
+    /// value of 0 or above the top gives no edges.
     fn clear(timing: &Timing, top: u16, place: u16, compares: [u16; 2]) -> Option<i32> {
         let [top, place] = [top, place].map(i32::from);
         let end = place + i32::from(timing.window + timing.margin);
@@ -288,8 +290,8 @@ mod tests {
         Some(clearance)
     }
 
-    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better of the
-    /// places at the top and after zero, or half-way if neither is clean for the settling time.
+    /// Small random timings at all pairs of duties. The chosen window has no edge at any trim. It is the better of the
+    /// windows at the top and after zero, or the window half-way up if neither has the settling time.
     #[test]
     fn chosen_place_is_the_best_by_the_edges_of_the_outputs() {
         let mut random = crate::fusion::testing::Random::new(3);
@@ -321,7 +323,7 @@ mod tests {
                 let place = sampling.compare([a, b]);
                 let [at_off, at_on, at_between] =
                     [off, on, between].map(|at| lowest_first(at, [a, b]));
-                // A pulse that ends before the place after zero counts as too short for this place.
+                // A pulse that ends before the window after zero counts as too short for this window.
                 let early = [a, b].iter().any(|motor| (1..on).contains(motor));
                 let at_on = if early { 0 } else { at_on };
                 let settling = i32::from(timing.settling);
@@ -349,14 +351,15 @@ mod tests {
     #[test]
     fn timing_is_accepted_up_to_its_exact_limits() {
         type Change = fn(&mut Timing, u16);
-        // 84 + 1828 counts are twice 956; 400 + 578 + 850 counts are 1828; half a window is 272.
+        // Limits. Settling: 84 + 1828 counts are twice 956. Settling with an earliest compare value of 400: 400 + 578 +
+        // 850 counts are 1828. Trim: half a window is 272.
         let settling: Change = |timing, value| timing.settling = value;
         let late: Change = |timing, value| (timing.earliest, timing.settling) = (400, value);
         let margin: Change = |timing, value| {
             (timing.earliest, timing.settling, timing.margin) = (400, 850, value);
         };
         let trim: Change = |timing, value| timing.trim = value;
-        // 2 × 3781 counts less 3672 and 1160 are one less than 1571 + 1160.
+        // At a trim of 421 the lowest top is 3781, and 2 × 3781 − 3672 − 1160 is one less than 1571 + 1160: the limit.
         let wide: Change = |timing, value| {
             (timing.top, timing.window, timing.margin) = (4202, 1060, 100);
             (timing.settling, timing.trim) = (300, value);
@@ -379,7 +382,7 @@ mod tests {
                 assert_eq!(timing.build().is_some(), accepted, "{k}: {value}");
             }
         }
-        // Differences that would be below zero.
+        // With these values a subtraction of the checks would give a negative result.
         for (trim, window) in [(5000, 544), (2200, 544), (127, 4300)] {
             let timing = Timing {
                 trim,

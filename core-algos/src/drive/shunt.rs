@@ -17,11 +17,11 @@ declare! {
         pub volts_per_ampere: f32 = 0.2, "V/A": Range(-10.0, 10.0);
         /// Reference of the converter.
         pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
-        /// Counts closer than this to either end of the converter are no reading.
+        /// Counts closer than this to 0 or to full scale are rejected.
         pub rail_margin_counts: u16 = 20, "counts": Range(0.0, 999.0);
         /// Largest accepted offset of the zero from the middle.
         pub max_offset_a: f32 = 0.2, "A": Range(0.0, 100.0);
-        /// Largest standard deviation of a reading at rest.
+        /// Largest accepted standard deviation of the readings at rest.
         pub max_noise_a: f32 = 0.1, "A": Range(1e-4, 100.0);
     }
 }
@@ -92,7 +92,7 @@ pub enum Zeroed {
 }
 
 impl Zeroing {
-    /// Adds a count.
+    /// Adds a count; returns the zero once there are enough samples.
     pub fn step(&mut self, shunt: &Shunt, count: u16) -> Zeroed {
         self.samples += 1;
         self.sum += u32::from(count);
@@ -102,7 +102,7 @@ impl Zeroing {
         }
         let n = u64::from(self.samples);
         let sum = u64::from(self.sum);
-        // In integers, so that nothing cancels: n Σc² − (Σc)², at most 2^46.
+        // n Σc² − (Σc)² is computed in integers, at most 2^46, so that no digits cancel.
         let spread = (n * self.squares).saturating_sub(sum * sum);
         let mean = self.sum as f32 / self.samples as f32;
         let variance = spread as f32 / (self.samples as f32 * self.samples as f32);

@@ -12,7 +12,7 @@ use crate::config::{Allowed, ConfigError, declare, in_range, require};
 use crate::math::trig::{clamp, lag_gain};
 
 declare! {
-    /// Thermal data.
+    /// Thermal data of a motor's winding, and limits of temperature and current.
     pub struct Config {
         /// Resistance of the winding (R).
         pub resistance_ohm: f32 = 2.88, "Ω": Range(1e-3, 1e3);
@@ -154,7 +154,7 @@ mod tests {
             limit = winding.step(&mut state, limit, 1.0);
             assert!(state.temperature_c < 120.0);
         }
-        // Where loss and fold-back meet: 30 + 17.28 i² = 120 − 5 i.
+        // The current settles where loss and fold-back meet: 30 + 17.28 i² = 120 − 5 i.
         let expected = (-5.0 + (25.0f64 + 4.0 * 17.28 * 90.0).sqrt()) / (2.0 * 17.28);
         let error = f64::from(limit) - expected;
         assert!(error.abs() < 1e-3, "{limit} {expected}");

@@ -37,7 +37,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Posture `q`, given in the frame of `base`; `q_by_relative` is its derivative by the relative posture.
+    /// Chain of `base` and `q`, a posture in the frame of `base`. `q_by_relative` is the derivative of `q` with respect
+    /// to the relative posture.
     fn new(base: Posture, q: Posture, q_by_relative: &Mat3) -> Self {
         let (by_base, by_q) = base.compose_jacobians(q);
         Self {
@@ -47,23 +48,23 @@ impl Chain {
         }
     }
 
-    /// The front axle from the rear axle.
+    /// Posture of the front axle, from the rear axle's posture.
     pub fn front_from_rear(rear: Posture, relative: Posture) -> Self {
         Self::new(rear, relative, &identity())
     }
 
-    /// The rear axle from the front axle.
+    /// Posture of the rear axle, from the front axle's posture.
     pub fn rear_from_front(front: Posture, relative: Posture) -> Self {
         Self::new(front, relative.inverse(), &relative.inverse_jacobian())
     }
 
-    /// O from the rear axle.
+    /// Posture of O, from the rear axle's posture.
     pub fn midpoint_from_rear(rear: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         Self::new(rear, q, &q_by_r)
     }
 
-    /// O from the front axle; in the front axle's frame O is ⊖ r ⊕ q(r).
+    /// Posture of O, from the front axle's posture. In the front axle's frame O is ⊖ r ⊕ q(r).
     pub fn midpoint_from_front(front: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let back = relative.inverse();
@@ -75,14 +76,14 @@ impl Chain {
         Self::new(front, back.compose(q), &by_relative)
     }
 
-    /// The rear axle from O.
+    /// Posture of the rear axle, from the posture of O.
     pub fn rear_from_midpoint(robot: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let by_relative = multiply(&q.inverse_jacobian(), &q_by_r);
         Self::new(robot, q.inverse(), &by_relative)
     }
 
-    /// The front axle from O; in O's frame the front axle is ⊖ q(r) ⊕ r.
+    /// Posture of the front axle, from the posture of O. In O's frame the front axle is ⊖ q(r) ⊕ r.
     pub fn front_from_midpoint(robot: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let back = q.inverse();
@@ -91,8 +92,8 @@ impl Chain {
         Self::new(robot, back.compose(relative), &add(&by_back, &by_r))
     }
 
-    /// O from the postures of both axles: halfway, heading from rear to front. `by_base` is the derivative by the
-    /// front axle, `by_relative` by the rear axle.
+    /// Posture of O, from the postures of both axles: position halfway, heading from rear to front. `by_base` is the
+    /// derivative with respect to the front axle, `by_relative` to the rear axle.
     pub fn midpoint(front: Posture, rear: Posture) -> Self {
         let (x, y) = (front.x - rear.x, front.y - rear.y);
         let square = (x * x + y * y).max(f32::MIN_POSITIVE);
@@ -189,7 +190,7 @@ mod tests {
                 &propagate(&chain.by_base, &a.covariance),
                 &propagate(&chain.by_relative, &r.covariance),
             );
-            // O by its definition, from both axles.
+            // Posture of O by its definition, from the postures of both axles.
             let middle = |f: [f64; 3], b: [f64; 3]| {
                 let (x, y) = (f[0] - b[0], f[1] - b[1]);
                 [0.5 * (f[0] + b[0]), 0.5 * (f[1] + b[1]), y.atan2(x)]

@@ -33,32 +33,33 @@ use crate::math::matrix::Mat;
 use crate::math::trig::{sin_cos, sinc};
 use crate::math::{Posture, RelativeHeading};
 
-/// Number of constants.
+/// Number of constant errors.
 pub const COUNT: usize = 20;
-/// Zeros of the gauges (2).
+/// Index of the first of two constants: zeros of the gauges.
 pub const ZERO: usize = 0;
-/// Gains of the gauges (2).
+/// Index of the first of two constants: gains of the gauges.
 pub const GAIN: usize = 2;
-/// Heading drift of front and rear.
+/// Index of the heading drift of the front axle; the rear axle's is next.
 pub const DRIFT: usize = 4;
-/// Scale error of front and rear.
+/// Index of the scale error of the front axle; the rear axle's is next.
 pub const SCALE: usize = 6;
-/// Scale errors of the headings from the wheels, front and rear.
+/// Index of the scale error of the heading from the front wheels; that from the rear wheels is next.
 pub const TURN: usize = 8;
-/// Lateral motion per forward motion of front and rear.
+/// Index of the front axle's lateral motion per forward motion; the rear axle's is next.
 pub const SIDE: usize = 10;
-/// Slip per metre under the frame's moment: mean and half the difference of front and rear.
+/// Index of the mean of the axles' slip per metre under the frame's moment; half the difference, front less rear, is
+/// next.
 pub const COMPLIANCE: usize = 12;
-/// Slip per metre of the right tyre beyond the mean of both tyres of an axle, of front and rear.
+/// Index of the slip per metre of the front axle's right tyre beyond the mean of its tyres; the rear axle's is next.
 pub const UNEVEN: usize = 14;
-/// Bias of the gyros of front and rear.
+/// Index of the bias of the front gyro; the rear gyro's is next.
 pub const GYRO_BIAS: usize = 16;
-/// Scale error of the gyros of front and rear.
+/// Index of the scale error of the front gyro; the rear gyro's is next.
 pub const GYRO_SCALE: usize = 18;
 /// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants other than the compliances that affect an axle's advance, of front and rear. `OF_ASIDE` and `OF_HEADING`
-/// list the constants that affect its lateral motion and its heading.
+/// Indices of the constants, except the compliances, that affect the advance of the front axle and of the rear axle.
+/// `OF_ASIDE` and `OF_HEADING` list those that affect lateral motion and heading.
 pub(super) const OF_AHEAD: [[usize; 3]; 2] =
     [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
@@ -73,8 +74,8 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     ],
 ];
 
-/// Error of an increment (m, m, rad) if constant k has the error `of(k)`: the product with
-/// [`IncrementInputs::by_constants`], over the few nonzero entries.
+/// Error of an increment (m, m, rad) if constant k has the error `of(k)`: the product of
+/// [`IncrementInputs::by_constants`] and these errors, over the few nonzero entries.
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,
@@ -84,7 +85,7 @@ pub(super) fn error_by<const AXLE: usize>(
         let terms = constants.iter().map(|&k| by[k % COUNT] * of(k));
         terms.fold(0.0, |sum, term| sum + term)
     };
-    // Compliance of an axle: mean plus or minus half the difference.
+    // The compliance of an axle is the mean plus (front) or minus (rear) half the difference.
     let compliance = match AXLE {
         0 => of(COMPLIANCE) + of(COMPLIANCE + 1),
         _ => of(COMPLIANCE) - of(COMPLIANCE + 1),
@@ -129,7 +130,7 @@ impl Tyres {
 pub struct IncrementInputs {
     /// 0 for the front axle, 1 for the rear.
     pub axle: usize,
-    /// Posture reached, in the frame of departure (m, m, rad).
+    /// Posture at the end of the increment in the axle's frame at its start (m, m, rad).
     pub moved: Posture,
     /// Heading of the front axle less that of the rear.
     pub relative_heading: RelativeHeading,

@@ -20,7 +20,7 @@ pub struct Covariance<const N: usize> {
 }
 
 impl<const N: usize> Covariance<N> {
-    /// From a symmetric matrix; its upper triangle is read.
+    /// Covariance from a symmetric matrix, of which the upper triangle is read.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
         let mut upper = [[0.0; N]; N];
         for i in 0..N {

@@ -89,7 +89,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intersection {
     criterion: Criterion,
-    /// Diagonal of W.
+    /// Diagonal of the weight matrix W of the trace criterion.
     weights: Vec3,
 }
 
@@ -173,7 +173,7 @@ struct Factor {
 }
 
 impl Factor {
-    /// `None` unless `m` is positive definite. The lower triangle is read.
+    /// Factors of `m`; `None` unless `m` is positive definite. The lower triangle is read.
     fn new(m: &Mat3) -> Option<Self> {
         let d0 = m[0][0];
         let i0 = 1.0 / d0;
@@ -215,7 +215,7 @@ struct Contrast {
     inverse: f64,
     /// N = L⁻¹ B L⁻ᵀ.
     n: Mat3,
-    /// Principal minors of M, each without the row and column of its index.
+    /// Principal minors of M; minor k leaves out row and column k.
     minors: Vec3,
     /// e₂ and e₃ of M; e₁ is 3.
     e2: f64,
@@ -223,7 +223,7 @@ struct Contrast {
 }
 
 impl Contrast {
-    /// `None` unless both covariances are positive definite.
+    /// Contrast of the covariances `b` and `a`; `None` unless both are positive definite.
     fn new(a: &Mat3, b: &Mat3) -> Option<Self> {
         let a = Factor::new(a)?;
         let half = [0, 1, 2].map(|j| a.lower(column(b, j)));

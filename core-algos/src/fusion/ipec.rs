@@ -16,9 +16,9 @@
 //!    (ds₁ cos g₁ − ds₂ cos g₂)² σ_α²]/B².
 //!
 //! Axle 1 is the front axle. r is axle 2's posture in axle 1's frame, the inverse of the beam's measurement.
-//! [`Ipec::step`] applies all five steps. [`Ipec::weigh`] serves the second tier: it averages three estimates of the
-//! line's direction (positions, front odometry, rear odometry) by inverse variance. An axle whose heading change is
-//! implausible (bump, slip) is left out. Constant errors of the beam add up linearly, not in square; the configured
+//! [`Ipec::step`] applies all five steps. [`Ipec::weigh`] serves [`robot`](super::robot): it averages three estimates
+//! of the line's direction (positions, front odometry, rear odometry) by inverse variance. An axle whose heading change
+//! is implausible (bump, slip) is left out. Constant errors of the beam add up linearly, not in square; the configured
 //! drift per √m stands for them.
 //!
 //! Nothing here panics. A relative posture that is not finite or shorter than
@@ -91,7 +91,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ipec {
     inverse_track: f32,
-    /// σ_ds².
+    /// Variance of an axle's advance in an interval, σ_ds², m².
     step_variance: f32,
     lateral_variance: f32,
     heading_variance: f32,
@@ -99,7 +99,7 @@ pub struct Ipec {
     gate: f32,
 }
 
-/// Both axles' postures as IPEC keeps them.
+/// Postures of both axles, and variance of the direction of the line between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Position and heading of axle 1 and axle 2, in `f64` as they are long sums of small increments.
@@ -109,7 +109,7 @@ pub struct State {
 }
 
 impl State {
-    /// From the postures of axle 1 (front) and axle 2 (rear).
+    /// State from the postures of axle 1 (front) and axle 2 (rear).
     pub fn new(axle1: Posture, axle2: Posture) -> Self {
         let wide = |p: Posture| <[f32; 3]>::from(p).map(f64::from);
         Self {
@@ -146,7 +146,7 @@ pub struct Correction {
 }
 
 impl Ipec {
-    /// One interval: odometry by the `advance` of the wheels, then correction by `r` (axle 2 in axle 1's frame).
+    /// Runs one interval: odometry by the `advance` of the wheels, then correction by `r` (axle 2 in axle 1's frame).
     /// `None` if `r` or the odometric positions give no direction; the state then holds plain odometry.
     pub fn step(
         &self,
@@ -293,7 +293,7 @@ impl Direction {
         })
     }
 
-    /// σ_α².
+    /// Variance of the measured direction, σ_α², rad².
     fn variance(&self, lateral_variance: f32) -> f32 {
         lateral_variance / (self.baseline * self.baseline)
     }

@@ -65,7 +65,7 @@ use crate::math::{Posture, RelativeHeading};
 pub const N: usize = FIRST + constants::COUNT;
 const REL: usize = 3;
 const REL_PHI: usize = 5;
-/// Index of the first constant.
+/// Index of the first constant error among the states.
 const FIRST: usize = 6;
 /// States that affect the beam's measurement besides the relative posture.
 const OF_BEAM_STATES: [usize; OF_BEAM] = [
@@ -75,7 +75,7 @@ const OF_BEAM_STATES: [usize; OF_BEAM] = [
     FIRST + GAIN + 1,
 ];
 
-/// L⁻¹ b of a lower triangle L.
+/// Solves L x = b for a lower triangular L.
 fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
     let mut x = *b;
     for i in 0..3 {
@@ -104,16 +104,16 @@ const GRAVITY: f32 = 9.81;
 pub struct Joint {
     t: f32,
     tyres: Tyres,
-    /// Prior variances of the constants.
+    /// Prior variances of the constant errors.
     prior: [f32; constants::COUNT],
-    /// Reciprocal of the size of a constant at which its sensor is inconsistent; 0 for a constant that is not
-    /// estimated.
+    /// Reciprocal of the size of a constant error at which its sensor is inconsistent; 0 for a constant error that is
+    /// not estimated.
     per_limit: [f32; constants::COUNT],
-    /// Factor by which an estimated constant fades per tick.
+    /// Factor by which the estimate of a constant error fades per tick.
     kept: f32,
-    /// Variance added to each constant per tick.
+    /// Variance added to each constant error per tick.
     walk: [f32; constants::COUNT],
-    /// Variance of the considered turn of the robot per metre.
+    /// Variance of a constant turn of the whole robot per metre, which the filter considers and does not estimate.
     steady_turn: f32,
     /// Variance of an axle's heading due to backlash, rad².
     backlash_heading: f32,
@@ -130,10 +130,10 @@ pub struct State {
     covariance: Covariance<N>,
     /// Relative heading that loads the tyres, from the last tick with the odometry of both axles.
     loading: RelativeHeading,
-    /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): displacement
-    /// by the floor per metre along its x and y, and turn per metre.
+    /// Derivatives of the rear axle's posture, in its own frame (m, m, rad), by the errors that are considered and not
+    /// estimated: displacement by the floor per metre along its x and y, and turn per metre.
     by_considered: [[f32; 3]; 3],
-    /// Variances of the considered errors.
+    /// Variances of the errors that are considered and not estimated.
     considered: [f32; 3],
 }
 
@@ -153,7 +153,7 @@ impl State {
     pub(super) fn moved(&self, before: Posture, relative: Posture, heading: f32) -> Posture {
         let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
         let (x, y) = (0.5 * r.x, 0.5 * r.y);
-        // Tangent of the small angle between the chords before and after, taken as the angle.
+        // The line between the axles turns by a small angle, so the tangent is taken as the angle.
         let cross = relative.x * r.y - relative.y * r.x;
         let dot = relative.x * r.x + relative.y * r.y;
         Posture::new(
@@ -163,12 +163,12 @@ impl State {
         )
     }
 
-    /// The front axle in the rear axle's frame.
+    /// Posture of the front axle in the rear axle's frame.
     pub fn relative_posture(&self) -> Posture {
         self.relative
     }
 
-    /// The front axle in the rear axle's frame, with its covariance.
+    /// Posture of the front axle in the rear axle's frame, with its covariance.
     pub fn relative(&self) -> Estimate {
         let u = &self.covariance.upper;
         let mut block = [[0.0; 3]; 3];
@@ -186,7 +186,7 @@ impl State {
         self.loading
     }
 
-    /// Estimates of the constants.
+    /// Estimates of the constant errors, in the order of [`constants`].
     pub fn constants(&self) -> [f32; constants::COUNT] {
         self.constants
     }
@@ -211,7 +211,7 @@ impl State {
         [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
     }
 
-    /// Both axles and the robot's midpoint O with their covariances along the global axes.
+    /// Postures of both axles and of the robot's midpoint O, with their covariances along the global axes.
     pub fn estimates(&self) -> Estimates {
         let u = &self.covariance.upper;
         let rear = self.covariance.posture();
@@ -259,11 +259,11 @@ impl State {
 /// Estimates of the joint filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
-    /// The front axle.
+    /// Posture of the front axle.
     pub front: Estimate,
-    /// The rear axle.
+    /// Posture of the rear axle.
     pub rear: Estimate,
-    /// The robot's midpoint O.
+    /// Posture of the robot's midpoint O.
     pub robot: Estimate,
 }
 
@@ -275,12 +275,13 @@ pub struct BeamUpdate {
     pub verdict: Verdict,
     /// Measured minus predicted relative posture (m, m, rad).
     pub innovation: [f32; 3],
-    /// Normalised innovation squared, 3 on average; infinite if the covariance of the innovation cannot be factored.
+    /// Normalised innovation squared, 3 on average if all covariances are true; infinite if the covariance of the
+    /// innovation cannot be factored.
     pub nis: f32,
 }
 
 impl Joint {
-    /// Prior standard deviations of the constants.
+    /// Prior standard deviations of the constant errors.
     pub fn prior_sigmas(&self) -> [f32; constants::COUNT] {
         self.prior.map(sqrt)
     }
@@ -374,7 +375,7 @@ impl Joint {
 
         let (sin, cos) = sin_cos(d2.phi);
         let turn_back: Mat3 = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
-        // Rear: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
+        // Error of the rear axle's posture: ε' = turn_back (ε + ε_φ × d2) + turn_back e2.
         let carried = [[1.0, 0.0, -d2.y], [0.0, 1.0, d2.x], [0.0, 0.0, 1.0]];
         let by_rear = matrix::multiply(&turn_back, &carried);
         for by in &mut state.by_considered {
@@ -389,7 +390,7 @@ impl Joint {
             by[0] += distance * direction[0];
             by[1] += distance * direction[1];
         }
-        // Relative: ⊖ d2 ⊕ (r ⊕ d1).
+        // Posture of the front axle in the rear axle's frame after the motion: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
         let (relative_sin, relative_cos) = sin_cos(r.phi);
         let onto = [
@@ -487,7 +488,7 @@ impl Joint {
     }
 
     /// Update by the beam. `measured` is the front axle's posture in the rear axle's frame with the covariance of its
-    /// noise. `accept` is true for an acceptable NIS (three degrees of freedom).
+    /// noise. `accept` decides whether a NIS (three degrees of freedom) is acceptable.
     pub fn update(
         &self,
         state: &mut State,

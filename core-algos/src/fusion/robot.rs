@@ -77,24 +77,25 @@ const REFERENCE_WAY_M: f32 = 1.0;
 const REFERENCE_TIME_S: f32 = 1.0;
 /// Duration of a drive up to which a constant bias covers the random walk of a gyro's bias, s.
 const WALK_TIME_S: f32 = 30.0;
-/// Ticks between two repairs of the joint filter's covariance.
+/// Ticks between two times that the joint filter's covariance is conditioned.
 const CONDITION_INTERVAL: u8 = 64;
 
-/// Fusion of both axles and the beam on the lead node (second tier), ready to run.
+/// Fusion of both axles and the beam on the lead node, ready to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobotFusion {
     mode: Mode,
     per_m: [f32; 3],
-    /// Variance across the heading, per metre and squared relative heading.
+    /// Variance of slip across the heading, per metre and squared relative heading.
     side_per_m: f32,
     position_per_tick: f32,
     heading_per_tick: f32,
     creep_per_tick: f32,
     creep_per_m: f32,
     period: f32,
-    /// Standard deviations of the constants.
+    /// Standard deviations of the constant errors.
     constants: [f32; constants::COUNT],
-    /// Slip speed under an unmeasured load of the frame: along, across (m/s), in heading (rad/s).
+    /// Standard deviation of the slip speed under an unmeasured load of the frame: along, across (m/s), in heading
+    /// (rad/s).
     load: [f32; 3],
     beam_gate: Option<f32>,
     patience: u16,
@@ -158,7 +159,7 @@ pub struct Inputs {
     pub beam: Option<Estimate>,
 }
 
-/// Estimates of the second tier after a tick.
+/// Estimates of the fusion after a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
@@ -192,7 +193,7 @@ enum Tracks {
     Joint(joint::State),
 }
 
-/// State of the second tier.
+/// State of the fusion of both axles and the beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     tracks: Tracks,
@@ -208,7 +209,7 @@ pub struct State {
     beam: Beam,
 }
 
-/// Record of the beam's measurements.
+/// Latest accepted measurement of the beam, and number of rejections since.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
     /// Last accepted relative posture.
@@ -284,7 +285,7 @@ impl RobotFusion {
         true
     }
 
-    /// One tick.
+    /// Runs one tick: odometry of both axles, then update by the beam.
     pub fn step(&self, state: &mut State, inputs: &Inputs) -> Output {
         self.prepare(state);
         let front = inputs.front.filter(Increment::is_finite);
@@ -456,7 +457,7 @@ impl RobotFusion {
         track
     }
 
-    /// Updates both axles by the beam, each with the other's value before the update.
+    /// Updates both axles by the beam. Each axle is updated from the other axle's posture before the update.
     fn join(
         &self,
         beam_state: &mut Beam,
@@ -468,7 +469,7 @@ impl RobotFusion {
         let relative = self.beam_track(beam);
         let predicted = front.posture.relative_to(rear.posture);
         let (by_front, by_rear) = front.posture.relative_jacobians(rear.posture);
-        // Correlation of the random parts unknown: twice their sum.
+        // The correlation of the random parts is unknown, so their sum is doubled below.
         let random = matrix::add(
             &matrix::propagate(&by_front, &front.random),
             &matrix::propagate(&by_rear, &rear.random),
@@ -535,7 +536,7 @@ impl RobotFusion {
         }
     }
 
-    /// O, intersected from two estimates: each axle's posture with the beam.
+    /// Posture of O by covariance intersection of two estimates: front axle with beam, and rear axle with beam.
     fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
         let relative = self.beam_track(beam);
         let link = Chain::midpoint_from_front(front.posture, beam.posture);
@@ -548,12 +549,12 @@ impl RobotFusion {
         }
     }
 
-    /// O halfway between the axles, without the beam.
+    /// Posture of O halfway between the axles, without the beam.
     fn middle_without_beam(&self, front: &Track, rear: &Track) -> Estimate {
         let chain = Chain::midpoint(front.posture, rear.posture);
         let mut middle = front.propagated(&chain, rear);
         if self.mode != Mode::Odometry {
-            // Once joined, the random parts are correlated to an unknown degree.
+            // Updates by the beam correlate the random parts to an unknown degree, so their covariance is doubled.
             middle.random = matrix::scale(&middle.random, 2.0);
         }
         middle.estimate()
@@ -586,7 +587,7 @@ fn spread(covariance: &Mat3) -> Mat3 {
         .unwrap_or_else(|| matrix::diagonal([0, 1, 2].map(|k| sqrt(covariance[k][k].max(0.0)))))
 }
 
-/// The increment, its covariance turned into the frame in which the increment starts.
+/// The increment with its covariance turned into the frame in which the increment starts.
 fn into_departure(increment: &Estimate) -> Estimate {
     let (sin, cos) = crate::math::trig::sin_cos(increment.posture.phi);
     let turn = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];

@@ -35,7 +35,7 @@ use crate::topology::Wheels;
 declare! {
     /// Parameters of one sensor, in its unit: rad/s for a gyro, m/s² for an accelerometer.
     pub struct Config {
-        /// Largest magnitude of a bias.
+        /// Largest accepted magnitude of a bias.
         pub limit: f32 = Self::GYRO.limit, "rad/s or m/s²": Positive;
         /// Density of the white noise, one-sided.
         pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz or m/s²/√Hz": Positive;
@@ -48,7 +48,7 @@ declare! {
 }
 
 impl Config {
-    /// For a yaw-rate gyro of the ICM-42688 class, with or without averaging at power-up.
+    /// Parameters for a yaw-rate gyro of the ICM-42688 class, with or without averaging at power-up.
     pub const GYRO: Self = Self {
         limit: 0.05,
         noise_per_sqrt_hz: 4.9e-5,
@@ -56,13 +56,13 @@ impl Config {
         // Up to this bias the gyro is better than wheels on creeping tyres.
         largest_sigma: 0.01,
     };
-    /// For an accelerometer of the ICM-42688 class; the limit is the gravity along a floor inclined by 3°.
+    /// Parameters for an accelerometer of the ICM-42688 class. The limit is the gravity along a floor inclined by 3°.
     pub const ACCELEROMETER: Self = Self {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
         walk_per_sqrt_s: 5e-3,
-        // Reached after half a minute without rest. A bias of this size makes an axle at rest appear to move at a few
-        // mm/s.
+        // The standard deviation reaches this value after half a minute without rest. A bias of this size makes an axle
+        // at rest appear to move at a few mm/s.
         largest_sigma: 0.03,
     };
 
@@ -78,10 +78,10 @@ impl Config {
         } = *self;
         Ok(Zeroing {
             limit,
-            // Bandwidth: half the sample rate.
+            // The bandwidth of the noise is half the sample rate.
             noise: 0.5 * noise * noise / period,
             walk: walk * walk * period,
-            // Bias uniform within the limit.
+            // Variance of a bias that is uniform within ± the limit.
             unknown: limit * limit / 3.0,
             largest: largest * largest,
         })
@@ -92,7 +92,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeroing {
     limit: f32,
-    /// Variance of a sample.
+    /// Variance of the noise of a sample.
     noise: f32,
     /// Variance of the bias's change from sample to sample.
     walk: f32,
@@ -119,17 +119,18 @@ impl Bias {
     }
 }
 
-/// Largest difference of readings at rest, in standard deviations of the noise. Noise alone stays below it for days.
+/// Limit of the difference between gyro readings at rest, in standard deviations of the noise. Noise alone stays below
+/// this limit for days.
 const SPREAD: f32 = 14.0;
 
 impl Zeroing {
-    /// Largest difference of readings at rest, in the sensor's unit.
+    /// Limit of the difference between readings at rest, in the sensor's unit.
     pub fn spread(&self) -> f32 {
         SPREAD * sqrt(self.noise)
     }
 
-    /// One sample. Returns the reading less the bias, or `None` while a measured bias counts as unknown. A reading
-    /// that is not finite is passed on.
+    /// Takes one sample. Returns the reading less the bias, or `None` while a measured bias counts as unknown. A
+    /// reading that is not finite is passed on.
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
@@ -156,7 +157,7 @@ pub struct RestTimes {
     pub hold: u16,
     /// For the gyro: shortest time since the motors were last on.
     pub settle: u32,
-    /// For the gyro: largest difference of the readings since the rest began, rad/s.
+    /// For the gyro: limit of the difference between readings since the rest began, rad/s.
     pub spread: f32,
 }
 
@@ -168,7 +169,7 @@ pub struct RestDetector {
     off: u16,
     /// Ticks since the motors were last on.
     since_on: u32,
-    /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first reading.
+    /// Lowest and highest reading of the gyro since rest was last interrupted; `None` before the first reading.
     readings: Option<[f32; 2]>,
 }
 
@@ -195,7 +196,7 @@ pub struct Rest {
 }
 
 impl RestDetector {
-    /// One tick, with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
+    /// Runs one tick with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
     pub fn step(
         &mut self,
         counts: Wheels<Option<i32>>,

@@ -72,8 +72,8 @@ impl Track {
         )
     }
 
-    /// The posture at the end of a chain that begins at this one. `relative` is the chain's second input, with its
-    /// error.
+    /// Posture that `chain` computes with this posture as its base. `relative` is the relative posture of the chain,
+    /// with its error.
     pub fn propagated(&self, chain: &Chain, relative: &Track) -> Self {
         Self {
             posture: chain.posture,
@@ -101,7 +101,7 @@ impl Track {
             return Some((*other, omega));
         }
         let p = fused.estimate.covariance;
-        // Gain of b: (1 − ω) P B⁻¹.
+        // The gain of b is (1 − ω) P B⁻¹.
         let factor = matrix::cholesky(&b.covariance)?;
         let mut gain = p.map(|row| matrix::cholesky_solve(&factor, &row));
         gain = matrix::scale(&gain, 1.0 - omega);
@@ -115,7 +115,7 @@ impl Track {
                 constants,
             }
         } else {
-            // Rounding has made R indefinite: the whole covariance counts as random.
+            // Rounding has made R indefinite, so the whole covariance counts as random.
             Self::random(fused.estimate)
         };
         Some((fused, omega))

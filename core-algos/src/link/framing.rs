@@ -109,7 +109,7 @@ impl Decoder {
         }
     }
 
-    /// Counters.
+    /// Numbers of received and damaged frames.
     pub fn counters(&self) -> Counters {
         self.counters
     }
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn check_sum_is_crc_32c() {
-        // Check value of the CRC catalogue.
+        // Check value that the specification of the CRC gives for these digits.
         assert_eq!(crc32c(b"123456789"), 0xe306_9283);
     }
 

@@ -19,7 +19,7 @@ pub const TERM: Micros = 1_000_000;
 /// Sender and sequence number of an order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
-    /// Number that a host draws at its start.
+    /// Random number that a host draws when it starts; identifies the host.
     pub owner: u16,
     /// Sequence number; increases by at least one per order and wraps after 65535.
     pub sequence: u16,
@@ -90,14 +90,14 @@ mod tests {
         for (now, owner, sequence, expected) in [
             (5_000_000, 1, 7, Ok(())),
             (6_000_000, 2, 9, LEASED),
-            // Refused orders renew nothing.
+            // A refused order does not renew the lease.
             (6_000_000, 1, 7, OLD),
             (6_000_001, 2, 1, Ok(())),
             (6_000_001, 1, 9, LEASED),
             (7_000_001, 1, 9, LEASED),
             (7_000_001, 2, 2, Ok(())),
             (8_000_001, 1, 9, LEASED),
-            // The end of the lease makes no order newer.
+            // An old order is refused also after the end of the lease.
             (8_000_002, 2, 2, OLD),
             (8_000_002, 2, 3, Ok(())),
             (3_000_000, 1, 9, LEASED),

@@ -34,7 +34,7 @@ pub const MAX_BUS_FRAMES: usize = 21;
 /// Largest number of bus frames in a reply: the capacity of the outbox.
 pub const MAX_SENT_FRAMES: usize = outbox::CAPACITY;
 
-/// From host to board.
+/// Request from the host to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
     /// Begins a session. The board stops its nodes and discards the received configuration. The parameters that it
@@ -80,7 +80,7 @@ pub enum Request<'a> {
     Release(Stamp),
     /// One tick of an axle board.
     Axle {
-        /// Time, ms.
+        /// Time of the tick, ms.
         tick: u32,
         /// Readings of its sensors.
         samples: axle::Samples,
@@ -89,7 +89,7 @@ pub enum Request<'a> {
     },
     /// One tick of a beam board.
     Beam {
-        /// Time, ms.
+        /// Time of the tick, ms.
         tick: u32,
         /// Readings of its sensors.
         samples: beam::Samples,
@@ -145,7 +145,7 @@ pub enum Request<'a> {
     Record(Stamp),
 }
 
-/// From board to host.
+/// Reply of the board to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Reply<'a> {
     /// Identity of the board.
@@ -221,9 +221,9 @@ pub enum Reply<'a> {
     Report {
         /// Sequence number of the report.
         sequence: u16,
-        /// Number of entries lost for lack of room since the watch began.
+        /// Number of recorded events lost for lack of room since the watch began.
         lost: u16,
-        /// Whole entries, see [`super::record`].
+        /// Recorded events, none of them cut, see [`super::record`].
         entries: &'a [u8],
         /// Offset of `telemetry` in the output, bytes.
         offset: u16,
@@ -235,7 +235,7 @@ pub enum Reply<'a> {
         /// Number and reply.
         payload: &'a [u8],
     },
-    /// Faults since power-on.
+    /// Numbers of faults since power-on, and the latest message.
     Crash {
         /// Numbers of panics, processor faults, watchdog resets and stack overflows.
         counts: [u32; 4],
@@ -251,7 +251,7 @@ pub enum Reply<'a> {
     },
 }
 
-/// Crash record of a board: what [`Reply::Crash`] holds.
+/// Crash record of a board, the content of [`Reply::Crash`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CrashRecord {
     /// Numbers of panics, processor faults, watchdog resets and stack overflows.
@@ -263,9 +263,9 @@ pub struct CrashRecord {
 /// Stack use of a board since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StackUse {
-    /// Peak use.
+    /// Largest use so far.
     pub used_bytes: u32,
-    /// Largest allowed use.
+    /// Limit of the use.
     pub budget_bytes: u32,
     /// Size of the stack; 0 if the stack is not measured.
     pub size_bytes: u32,
@@ -344,13 +344,13 @@ pub enum Refusal<'a> {
 /// Output of the lead node, and the room in its buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
-    /// Output of the step.
+    /// Output of the lead node's step.
     pub output: lead::Output,
     /// Time of the step, ms.
     pub tick: u32,
-    /// Points the path has room for.
+    /// Number of points that can still be appended to the path.
     pub path_room: u16,
-    /// Points the trajectory has room for.
+    /// Number of points that can still be appended to the trajectory.
     pub trajectory_room: u16,
 }
 
@@ -378,7 +378,7 @@ impl Spread {
     /// Replaces the output; the rest of the previous output is not sent.
     pub fn fill(&mut self, telemetry: &Telemetry) {
         let mut encoded = [0; MAX_TELEMETRY - 2];
-        // The largest output fits. If one did not, a length of 0 would be sent.
+        // The largest output fits. If an output did not fit, a length of 0 would be sent.
         let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
         self.bytes.clear();
         let length = (encoded.len() as u16).to_le_bytes();
@@ -388,7 +388,7 @@ impl Spread {
         self.sent = 0;
     }
 
-    /// Next part, at most `most` bytes.
+    /// Next part of the encoded output, at most `most` bytes.
     pub fn next(&mut self, most: usize) -> &[u8] {
         let end = self.bytes.len().min(self.sent + most);
         let part = self.bytes.get(self.sent..end).unwrap_or_default();
@@ -396,12 +396,12 @@ impl Spread {
         part
     }
 
-    /// Number of bytes sent.
+    /// Number of bytes of the encoded output that were sent.
     pub fn sent(&self) -> usize {
         self.sent
     }
 
-    /// Number of bytes left to send.
+    /// Number of bytes of the encoded output left to send.
     pub fn left(&self) -> usize {
         self.bytes.len() - self.sent
     }
@@ -427,7 +427,7 @@ pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
 pub struct Packed(heapless::Vec<u8, { 10 * MAX_BUS_FRAMES }>);
 
 impl Packed {
-    /// No frames.
+    /// Packed bytes without a frame.
     pub fn new() -> Self {
         Self::default()
     }
@@ -441,7 +441,7 @@ impl Packed {
             && self.0.extend_from_slice(data).is_ok()
     }
 
-    /// The bytes.
+    /// The packed bytes.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }

@@ -21,10 +21,10 @@ use crate::time::{Micros, TICK};
 use crate::topology::Wheels;
 use serde::{Deserialize, Serialize};
 
-/// Longest encoded entry, bytes: an order that sets the posture.
+/// Largest length of an encoded event, bytes: that of an order that sets the posture.
 pub const MAX_ENTRY: usize = 112;
 
-/// Event at a board.
+/// Recorded event at a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Entry<'a> {
     /// Identifier and data of a bus frame that the tick received or the board sent.
@@ -55,12 +55,12 @@ pub enum Entry<'a> {
 }
 
 impl<'a> Entry<'a> {
-    /// Entry of a bus frame.
+    /// Event of this bus frame.
     pub fn of(frame: &'a CanFrame) -> Self {
         Self::Frame(frame.id, frame.bytes())
     }
 
-    /// Bus frame of a frame entry; `None` for another entry, or for more than 8 bytes.
+    /// Bus frame of the event; `None` for another kind of event, or for more than 8 bytes.
     pub fn frame(&self) -> Option<CanFrame> {
         let Self::Frame(id, bytes) = *self else {
             return None;
@@ -71,13 +71,13 @@ impl<'a> Entry<'a> {
         Some(CanFrame { id, length, data })
     }
 
-    /// Encodes the entry into `room`; `None` if the entry does not fit.
+    /// Encodes the event into `room`; `None` if the event does not fit.
     pub fn encode<'b>(&self, room: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, room).ok().map(|used| &*used)
     }
 }
 
-/// Decodes the entries of a report. The first undecodable entry gives `None` and ends the sequence.
+/// Decodes the events of a report. The first undecodable event gives `None` and ends the sequence.
 pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<Entry<'_>>> {
     core::iter::from_fn(move || {
         if bytes.is_empty() {
@@ -90,7 +90,7 @@ pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<Entry<'_>>> {
     })
 }
 
-/// Latest tick and counts: reference of the differences in the next entry.
+/// Latest recorded tick and counts; the next event is encoded by its differences from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reference {
     tick: u32,
@@ -113,7 +113,7 @@ impl Reference {
         }
     }
 
-    /// Entry of a tick; the tick becomes the reference.
+    /// Event of a tick; the tick becomes the reference.
     pub fn tick(
         &mut self,
         now: Micros,
@@ -136,7 +136,7 @@ impl Reference {
         }
     }
 
-    /// Tick, ms, and samples of an entry; the tick becomes the reference.
+    /// Tick, ms, and samples of a tick event; the tick becomes the reference.
     pub fn resolve(&mut self, step: u32, samples: &Samples) -> (u32, Samples) {
         self.tick = self.tick.wrapping_add(step);
         let samples = self.each(samples, |before, since| {

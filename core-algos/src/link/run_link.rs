@@ -35,7 +35,8 @@ use crate::node::robot::RobotConfig;
 use crate::time::Micros;
 use crate::topology::{Node, Role};
 
-/// Largest size of the entries in a report, bytes. A part of the lead node's output in the report reduces this size.
+/// Limit of the size of the recorded events in a report, bytes. A part of the lead node's output in the report reduces
+/// this limit.
 pub const REPORT_ENTRIES: usize = 232;
 /// Time between reports to a host that watches, ms.
 pub const REPORT_MS: u64 = 2;
@@ -54,7 +55,8 @@ pub enum Demand {
     Relay(Role, SerialFrame),
     /// Send a frame on the bus.
     Send(CanFrame),
-    /// Pass entries and outputs of the lead node to the run link and call [`RunLink::report`] every [`REPORT_MS`].
+    /// Pass recorded events and outputs of the lead node to the run link and call [`RunLink::report`] every
+    /// [`REPORT_MS`].
     Watch,
     /// Restart the nodes.
     Record,
@@ -173,7 +175,7 @@ fn relays(role: Role, to: Role, payload: &[u8]) -> bool {
 
 /// The part of an encoded configuration that begins at `offset`.
 fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> Reply<'a> {
-    // The largest configuration fits.
+    // `room` suffices for the largest configuration.
     let encoded = postcard::to_slice(config, room).map_or(&[][..], |used| used);
     let rest = encoded.get(usize::from(offset)..).unwrap_or_default();
     Reply::Configuration {
@@ -229,8 +231,8 @@ impl RunLink {
         }
     }
 
-    /// Takes received bytes, passes each complete answer to `send` and returns the first demanded action.
-    /// Requests behind a demand, or during an order, get no answer, and the host repeats them.
+    /// Takes received bytes, passes each complete answer to `send` and returns the first demanded action. Requests that
+    /// follow a demand, or arrive during an order, get no answer, and the host repeats them.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -260,7 +262,7 @@ impl RunLink {
                     counters,
                     session: false,
                 },
-                // The destination recognizes repetitions.
+                // A repetition is forwarded too, because the destination recognizes repetitions.
                 Some(Request::Relay { role: to, payload }) if relays(role, to, payload) => {
                     self.relaying = Some(to);
                     demand = SerialFrame::new(payload).map(|frame| Demand::Relay(to, frame));
@@ -280,7 +282,7 @@ impl RunLink {
                 }
                 request => {
                     let admitted = match request {
-                        // The order was meant for the board before its restart.
+                        // An order before the first hello was meant for the board before its restart.
                         Some(Request::Order { .. })
                             if !self.hello_received && role == Role::LEAD =>
                         {
@@ -314,7 +316,7 @@ impl RunLink {
         demand
     }
 
-    /// Sends the reply of another board to the host, if it is awaited.
+    /// Sends the reply of another board to the host, if this reply is awaited.
     pub fn relayed(&mut self, from: Role, payload: &[u8], send: &mut impl FnMut(&[u8])) {
         if self.relaying == Some(from)
             && let Some(&number) = payload.first()
@@ -335,19 +337,19 @@ impl RunLink {
         self.telemetry.fill(telemetry);
     }
 
-    /// Room for entries in the next report beside the next part of the lead node's output, bytes.
+    /// Room for recorded events in the next report beside the next part of the lead node's output, bytes.
     pub fn room(&self) -> usize {
-        // The length field of a part may take one byte more.
+        // Beside a part of the output, its length field may take one byte more than that of an empty part.
         match self.telemetry.left().min(REPORT_CHUNK) {
             0 => REPORT_ENTRIES,
             part => REPORT_ENTRIES - 1 - part,
         }
     }
 
-    /// Sends these entries and the next part of the lead node's output; sends nothing if both are empty.
+    /// Sends `entries` and the next part of the lead node's output; sends nothing if both are empty.
     pub fn report(&mut self, lost: u16, entries: &[u8], send: &mut impl FnMut(&[u8])) {
         let offset = self.telemetry.sent() as u16;
-        // Entries collected before an output arrived may leave no room for a part.
+        // Events collected before an output arrived may leave no room for a part of the output.
         let telemetry = match entries.len() <= self.room() {
             true => self.telemetry.next(REPORT_CHUNK),
             false => &[],
@@ -363,7 +365,7 @@ impl RunLink {
             telemetry,
         };
         self.reports = self.reports.wrapping_add(1);
-        // A report is bounded to fit a frame.
+        // The size of a report is bounded, so it always fits a frame.
         if let Some(frame) = protocol::encode(0, &report) {
             send(frame.bytes());
         }

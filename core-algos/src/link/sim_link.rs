@@ -160,7 +160,7 @@ fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
 /// A save under way.
 #[derive(Clone, Copy, Debug)]
 struct Saving {
-    /// Number of the request.
+    /// Number of the request to save.
     number: u8,
     /// Proof that the motors were off at the request; `None` once the write is taken.
     off: Option<Disarmed>,
@@ -266,7 +266,8 @@ impl Session {
         bus: &'a mut Packed,
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
-            // For a driving board only. Here telemetry comes with each tick, and the rig simulates the bus.
+            // `handle` answers a hello. The others are for a driving board: here a tick brings telemetry, and the rig
+            // simulates the bus.
             Request::Hello { .. }
             | Request::Watch
             | Request::Configuration { .. }
@@ -321,7 +322,7 @@ impl Session {
                     Err(error) => Err(not_kept(error, text)),
                 }
             }
-            // `execute` handles a save without an error.
+            // `execute` starts a save that passes both checks; only a refusal gets here.
             Request::SaveParameters => {
                 Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
                 Err(match self.stored.check() {

@@ -458,7 +458,7 @@ fn million_damaged_streams_pass_no_wrong_frame() {
     assert_eq!(wrong, 0);
     assert!(tried > STREAMS / 5, "{tried}");
     let expected = f64::from(tried) / 256.0;
-    // Five standard deviations of a count.
+    // The tolerance is five standard deviations of a count.
     assert!((f64::from(last_byte) - expected).abs() < 5.0 * expected.sqrt());
     let counters = decoder.counters();
     assert!(counters.received > 1000 && counters.damaged > STREAMS / 2);

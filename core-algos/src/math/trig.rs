@@ -16,7 +16,7 @@ const HALF_PI_MIDDLE: f32 = 4.837_513e-4;
 const HALF_PI_LOW: f32 = 7.549_79e-8;
 /// Largest |x| for which the three-part reduction is exact.
 const REDUCTION_LIMIT: f32 = 8192.0;
-/// The sign of an `f32`.
+/// Sign bit of an `f32`.
 const SIGN: u32 = 1 << 31;
 
 /// Positive `size` with the sign of `sign`.
@@ -217,7 +217,7 @@ pub fn wrap_angle_f64(angle: f64) -> f64 {
 /// `x` limited to `[low, high]`. Unlike `f32::clamp` it cannot panic; NaN gives `low`.
 #[inline]
 pub fn clamp(x: f32, low: f32, high: f32) -> f32 {
-    // By comparisons: a Cortex-M4F has no instruction for `max` and `min`.
+    // Comparisons are used, because a Cortex-M4F has no instruction for `max` and `min`.
     if !(x >= low) {
         low
     } else if x > high {

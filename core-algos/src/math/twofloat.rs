@@ -5,7 +5,7 @@
 
 use core::f32::consts::{PI, TAU};
 
-/// 2π − `TAU`.
+/// 2π − `TAU`, the rounding error of `TAU`.
 const TAU_LOW: f32 = -1.748_455_5e-7;
 
 /// The sum `high + low`, with `low` at most half a unit in the last place of `high`.

@@ -270,7 +270,7 @@ impl AxleNode {
         }
     }
 
-    /// One tick at `now`. Reports go to `outbox` at the beginning of an epoch.
+    /// Runs one tick at `now`. Reports go to `outbox` at the beginning of an epoch.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
         self.state.started.get_or_insert(now);
         let speeds = self.estimate(samples);
@@ -356,7 +356,8 @@ impl AxleNode {
     /// Torques that follow the reference.
     fn control(&self, now: Micros, speeds: [f32; 2], mut reference: AxleReference) -> Output {
         let posture = self.state.filter.posture();
-        // Positions repeat after a span of the bus: of all equivalent positions the nearest is meant.
+        // Positions on the bus repeat after a span. The reference means the equivalent position that is nearest to the
+        // axle.
         let to = &mut reference.posture;
         to.x = posture.x + wrap_position(to.x - posture.x);
         to.y = posture.y + wrap_position(to.y - posture.y);
@@ -382,7 +383,7 @@ impl AxleNode {
         }
     }
 
-    /// Wheels and filter; returns the wheels' speeds over ground, m/s.
+    /// Runs wheel observers and filter; returns the wheels' speeds over ground, m/s.
     fn estimate(&mut self, samples: &Samples) -> [f32; 2] {
         let state = &mut self.state;
         let mut speeds = [0.0; 2];
@@ -391,7 +392,7 @@ impl AxleNode {
             let wheel = self.observer.step(&state.wheels[i], count);
             let radius = self.wheel_radii[i];
             speeds[i] = radius * wheel.speed_rad_s;
-            // A missing or impossible count is no measurement: the filter then only predicts.
+            // A missing or impossible count is no measurement, so the filter only predicts.
             if count.is_some() && !wheel.jumped {
                 advance[i] = Some(radius * wheel.increment_rad / self.period);
             }
@@ -408,8 +409,8 @@ impl AxleNode {
             .step(samples.encoder, motors_on, gyro, &self.rest);
         state.gyro_zeroed |= rest.axle;
         let turning = self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro);
-        // The gyro's reading is late. To the beam, which is not late, the missing part of a turn would look like a
-        // scale error, so the reading is extrapolated.
+        // The gyro's reading is late and the beam's is not, so the missing part of a turn would look like a scale error
+        // of the gyro. The reading is therefore extrapolated.
         let late = DELAY_S / self.period;
         let now = match (turning, state.gyro) {
             (Some(turning), Some(before)) => Some(turning + late * (turning - before)),

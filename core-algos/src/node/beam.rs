@@ -26,7 +26,7 @@ pub struct Samples {
 }
 
 impl From<[i32; MAX_GAUGES]> for Samples {
-    /// Readings of a sound board.
+    /// Samples with these counts and without conditions.
     fn from(counts: [i32; MAX_GAUGES]) -> Self {
         Self {
             counts,
@@ -44,7 +44,6 @@ pub struct BeamNode {
     state: State,
 }
 
-/// State of the node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct State {
     sensor: sensor::State,
@@ -124,7 +123,7 @@ impl BeamNode {
         ));
     }
 
-    /// One tick. At the beginning of an epoch the posture of that instant goes to `outbox`.
+    /// Runs one tick. At the beginning of an epoch the posture of that instant goes to `outbox`.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) {
         self.state.found = self.state.found.union(samples.conditions);
         self.sensor.sample(&mut self.state.sensor, &samples.counts);
@@ -199,7 +198,8 @@ mod tests {
 
     #[test]
     fn bent_strip_is_measured_as_an_arc() {
-        // 2 1/m of curvature: strain 1e-3 on all gauges, noise of one count so that none is stuck.
+        // A curvature of 2 1/m gives a strain of 1e-3 on all gauges; noise of one count keeps them from counting as
+        // stuck.
         let config = Config::default();
         let bent = (1e-3 / config.calibration.strain_per_count) as i32;
         let mut node = node();
@@ -218,7 +218,7 @@ mod tests {
         };
         let latest = node.latest().unwrap();
         assert_eq!(covariance, latest.relative.unwrap().noise);
-        // Pure bending: EI over the radius at both ends.
+        // In pure bending the moment at both ends is EI over the radius.
         assert!(
             (wrench.moment_root.abs() - 0.833 / 0.5).abs() < 0.02,
             "{wrench:?}"

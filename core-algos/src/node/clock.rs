@@ -17,19 +17,19 @@
 use crate::bus::Message;
 use crate::time::{EPOCH, Micros, TICK};
 
-/// Share of a pair's error that is added to the offset.
+/// Share of the error of a pair (local time, common time) that is added to the offset.
 const OFFSET_GAIN: f32 = 0.02;
-/// Share of a pair's error that is added to the rate, per epoch.
+/// Share of the error of a pair (local time, common time) that is added to the rate, per epoch.
 const RATE_GAIN: f32 = 1e-4;
 /// Limit of the estimated rate between two crystals, 200 ppm, in µs per epoch.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
 /// Largest error at which a tick comes into step, µs.
 const LOCK_US: i16 = 50;
-/// Error beyond which a pair is left out, µs.
+/// Error beyond which a pair (local time, common time) is left out, µs.
 const GATE_US: f32 = 100.0;
-/// Pairs left out in a row after which the offset is set anew.
+/// Number of successive pairs left out after which the offset is set anew.
 const STUBBORN: u8 = 10;
-/// Time without a pair after which the common time counts as lost: 1 s.
+/// Time without a pair of times after which the common time counts as lost: 1 s.
 const LOST: Micros = 100 * EPOCH;
 
 /// Common time on a board other than the front board.
@@ -82,7 +82,7 @@ impl CommonClock {
         }
     }
 
-    /// Corrects the fit by a pair: the common time was ahead by `offset` (µs) at local time `local`.
+    /// Corrects the fit by a pair of times: at local time `local` the common time was ahead by `offset` (µs).
     fn pair(&mut self, local: Micros, offset: i64) {
         let Some(fit) = &mut self.fit else {
             self.begin(local, offset);
@@ -114,7 +114,7 @@ impl CommonClock {
         });
     }
 
-    /// Common time at local time `local`; `None` before the first pair and after a second without a pair.
+    /// Common time at local time `local`; `None` before the first pair of times and after a second without a pair.
     pub fn common(&self, local: Micros) -> Option<Micros> {
         let fit = self.fit.as_ref()?;
         if local.saturating_sub(fit.local) > LOST {
@@ -187,10 +187,10 @@ mod tests {
             (self.offset + (1.0 + self.rate) * common) as Micros
         }
 
-        /// One epoch with its message; returns the largest error of the follower's time in this epoch, µs.
+        /// Runs one epoch with its message; returns the largest error of the follower's time in this epoch, µs.
         fn epoch(&mut self, clock: &mut CommonClock, epoch: u32, lost: bool) -> f64 {
             let start = f64::from(epoch) * EPOCH as f64;
-            // Delay: up to one frame of another board, then 111 to 115 bits, then interrupts.
+            // The message is delayed by up to one frame of another board, its own 111 to 115 bits, and interrupts.
             let delay = 111.0 + 135.0 * self.random.uniform() + 4.0 * self.random.uniform();
             let message = Message::TimeSync {
                 epoch,
@@ -319,8 +319,8 @@ mod tests {
         }
     }
 
-    /// A pair that is off by more than 100 µs is left out; the tenth in a row restarts the fit, and a good pair
-    /// resets the count.
+    /// A pair of times that is off by more than 100 µs is left out. The tenth in a row restarts the fit, and a good
+    /// pair resets the count.
     #[test]
     fn pair_beyond_the_gate_is_left_out_until_ten_in_a_row() {
         let begun = || {

@@ -107,7 +107,7 @@ pub struct Output {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
-    /// Axles, front first.
+    /// Reports and odometry of the axles, front first.
     tracks: [AxleTrack; AXLES],
     /// Pairs of neighbouring axles, front first.
     pairs: [Pair; PAIRS],
@@ -232,13 +232,13 @@ impl LeadNode {
         self.placement = Some(*placement);
     }
 
-    /// State of the second tier of fusion; `None` before the start.
+    /// State of the fusion of axles and beam; `None` before the start.
     pub fn fusion(&self) -> Option<&robot::State> {
         let [pair] = &self.state.pairs;
         pair.fusion.as_ref()
     }
 
-    /// Sets the task; it begins with the current motion.
+    /// Sets the task, which begins from the current motion.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
         if let Task::Regulate { goal, .. } = task {
@@ -301,14 +301,14 @@ impl LeadNode {
                 return;
             }
         }
-        // Ticks of an epoch that plan ahead: all except those of the reports, of the step and of the fusion.
+        // All ticks of an epoch plan ahead, except those of the reports, of the step and of the fusion.
         let ticks = (EPOCH / TICK) as u32 - 3;
         self.with
             .regulator
             .plan_ahead(&mut self.state.regulator, ticks);
     }
 
-    /// One step at `now`; references go to `outbox`.
+    /// Runs one step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
         self.step_with(now, outbox, &mut Own::default())
     }

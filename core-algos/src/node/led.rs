@@ -68,7 +68,7 @@ impl Led {
         }
     }
 
-    /// True if the LED is lit `ms` milliseconds after any instant.
+    /// True if the LED is lit at `ms`, milliseconds since a fixed instant.
     pub fn is_lit(&self, ms: u32) -> bool {
         match pattern(self.state) {
             Some((lit, period)) => ms % period < lit,
@@ -123,7 +123,7 @@ mod tests {
     fn a_fault_blinks_its_code_digit_by_digit() {
         let (on, off) = ((true, 0.2), (false, 0.2));
         let short = led(Node::axle(1), OperatingState::Fault, 0x21);
-        // Two blinks, a gap, one blink, the pause, and the first again.
+        // Two blinks, a gap, one blink, the pause, and the first blink of the next round.
         let expected = [on, off, on, (false, 1.0), on, (false, 2.2), on];
         assert_eq!(stretches(short, 4_200), expected);
         let zero = led(Node::beam(0), OperatingState::Fault, 0x10);

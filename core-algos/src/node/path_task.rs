@@ -104,7 +104,7 @@ pub struct State {
     resting: bool,
     /// True once the robot was too far from its path or trajectory.
     lost: bool,
-    /// Time without motion.
+    /// Time for which the robot should have moved and did not.
     stuck: Stuck,
 }
 
@@ -149,7 +149,7 @@ impl State {
         self.stuck.reset();
     }
 
-    /// True if the robot was too far from its path or trajectory.
+    /// True if the robot was too far from its path or trajectory since the last [`Self::restart`].
     pub fn is_lost(&self) -> bool {
         self.lost
     }
@@ -159,7 +159,7 @@ impl State {
         self.path.room()
     }
 
-    /// Deletes path and trajectory, if there are any.
+    /// As [`Self::clear`], except that a state without points and without an end is left as it is.
     pub fn forget(&mut self) {
         let empty = self.path.is_empty() && self.trajectory.is_empty();
         if !empty || self.resting || self.trajectory.is_complete() {
@@ -226,14 +226,15 @@ pub struct PathTask {
 struct Course {
     /// True at the end of the path, or once the time of the trajectory is over.
     finished: bool,
-    /// Last posture; `None` until the robot is near the end of a complete path, or the time of the trajectory is over.
+    /// Last posture of the path or trajectory; `None` until the robot is near the end of a complete path, or the time
+    /// of the trajectory is over.
     end: Option<Posture>,
     /// True if the robot must move.
     asked: bool,
 }
 
 impl PathTask {
-    /// One epoch along the path, with O estimated at `center` and `motion` as last commanded.
+    /// Runs one epoch along the path, with O estimated at `center` and `motion` as last commanded.
     pub fn follow(
         &self,
         state: &mut State,
@@ -255,7 +256,7 @@ impl PathTask {
         }
         let governor_input = self.follower.governor_input(center, &reference);
         let complete = state.path.is_complete();
-        // A loop ends where it begins: the distance along the path counts.
+        // A loop ends where it begins, so the distance along the path decides.
         let last = complete && state.path.end() - progress.s <= within.position_m;
         let course = Course {
             finished: progress.finished,
@@ -275,8 +276,8 @@ impl PathTask {
         }
     }
 
-    /// One epoch along the trajectory, which begins with the first call; `epoch` is the time at
-    /// which O was at `center`.
+    /// Runs one epoch along the trajectory, which begins with the first call; `epoch` is the time at which O was at
+    /// `center`.
     pub fn track(
         &self,
         state: &mut State,
@@ -289,7 +290,7 @@ impl PathTask {
         if state.trajectory.is_empty() {
             return PathStep::default();
         }
-        // Earlier points have been dropped: a task given again continues where it stopped.
+        // Earlier points have been dropped, so a task given again continues where it stopped.
         let begin = state.trajectory.start();
         let (start, first) = *state.start.get_or_insert((epoch, begin));
         let time = first + seconds(epoch.saturating_sub(start));

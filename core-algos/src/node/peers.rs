@@ -65,7 +65,7 @@ impl Peers {
             .fresh(now, TIMEOUT)
     }
 
-    /// Two flags of the axles except the node `own`: an axle is lost, an axle has failed.
+    /// Two flags over all axles except the node `own`: an axle is lost, an axle has failed.
     pub fn others(&self, own: Node, topology: Topology, now: Micros) -> (bool, bool) {
         let (mut lost, mut failed) = (false, false);
         let axles = self.heartbeats.iter().skip(1).zip(topology.axles());

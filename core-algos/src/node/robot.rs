@@ -19,7 +19,7 @@ declare! {
     pub struct Geometry {
         /// Flexible length of the frame (the paper's L).
         pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
-        /// Rigid length between each end of the flexible part and the axle there.
+        /// Rigid length between each end of the flexible part and the nearer axle.
         pub rigid_end_m: f32 = 0.0, "m": Range(0.0, 1.0);
         /// Distance of the strain gauges from the neutral axis: half the strip's thickness.
         pub half_thickness_m: f32 = 0.5e-3, "m": Range(5e-5, 0.02);
@@ -118,8 +118,8 @@ pub struct Robot {
     pub lead: lead::LeadNode,
 }
 
-/// Largest plausible wheel speed of a reference, over the largest speed of the midpoint. In the tightest bend the
-/// outer wheel rolls at 1.5 times the speed of the midpoint, and corrections add to it.
+/// Largest plausible wheel speed of a reference, over the largest speed of the midpoint. In the tightest bend the outer
+/// wheel rolls at 1.6 times the speed of the midpoint, and corrections add to it.
 const WHEEL_SPEED: f32 = 2.0;
 
 impl RobotConfig {
@@ -161,7 +161,8 @@ impl RobotConfig {
         self.lead.governor.half_track_m = half_track_m;
         self.lead.governor.max_speed_m_s = max_speed_m_s;
         self.lead.governor.max_steering_rad = max_steering_rad;
-        // Rigid ends make the path straighter: 2 tan ψ/(L sin ψ/ψ + 2a cos ψ) is eq. 5 of this length.
+        // Rigid ends make the path straighter. Eq. 5 with this length gives its curvature, 2 tan ψ/(L sin ψ/ψ + 2a cos
+        // ψ).
         let (s, c) = sin_cos(max_steering_rad);
         self.lead.regulator.limits.frame_length_m =
             frame_length_m + 2.0 * rigid_end_m * max_steering_rad * c / s.max(1e-6);

@@ -20,7 +20,7 @@ pub struct RoleConflict {
 }
 
 impl RoleConflict {
-    /// For a board with this role.
+    /// Detector for a board with this role.
     pub const fn new(role: Role) -> Self {
         Self { role, latest: None }
     }
@@ -39,7 +39,7 @@ impl RoleConflict {
     }
 }
 
-/// Role of the board that a message is about; `None` for a message that is not about its sender.
+/// Role of the board that sent a message; `None` for a message that does not contain its sender.
 fn sender(message: &Message) -> Option<Role> {
     match message {
         Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. } => Some(*board),

@@ -57,12 +57,12 @@ impl TickSync {
         }
     }
 
-    /// For the front board, whose local time is the common time.
+    /// Tick synchronisation of the front board, whose local time is the common time.
     pub const fn leading() -> Self {
         Self::new(None)
     }
 
-    /// For a board that follows the front board.
+    /// Tick synchronisation of a board that follows the front board.
     pub fn following() -> Self {
         Self::new(Some(CommonClock::default()))
     }
@@ -74,7 +74,7 @@ impl TickSync {
         }
     }
 
-    /// The tick of local time `local`.
+    /// Decides on the tick at local time `local`.
     pub fn step(&mut self, local: Micros) -> TickStep {
         let common = match &self.clock {
             None => Some(local),

@@ -64,7 +64,7 @@ use declare::{Declared, Field, Kind};
     pub struct Button {
         /// Posture at which the robot is placed.
         pub start: Posture = START;
-        /// Goal.
+        /// Goal of the drive.
         pub goal: Posture = Posture::ORIGIN;
         /// Action of the button while the robot is at rest. While the robot drives, the button stops it.
         pub action: Press = Press::Again;

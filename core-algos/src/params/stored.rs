@@ -11,9 +11,9 @@ use super::{Settings, find};
 use crate::config::ConfigError;
 use crate::safety::{Condition, Conditions};
 
-/// Bytes of an item.
+/// Length of an encoded item, bytes.
 pub const ITEM_BYTES: usize = 9;
-/// Bytes of the manifest.
+/// Length of the encoded manifest, bytes.
 pub const MANIFEST_BYTES: usize = 5 + MAX_ID as usize;
 /// Key of the manifest.
 pub const MANIFEST_KEY: u8 = 0;
@@ -131,7 +131,7 @@ pub struct StoreReport {
 }
 
 impl Default for StoreReport {
-    /// Nothing is stored.
+    /// Report of an empty store.
     fn default() -> Self {
         Self {
             sources: [Source::Default; COUNT],
@@ -171,7 +171,7 @@ impl StoreReport {
         Some(found.find(|(_, source)| source.is_notice())?.0)
     }
 
-    /// Conditions for the node.
+    /// Conditions of the store that the node reports.
     pub fn conditions(&self) -> Conditions {
         let notice = self.defaults() > 0 || self.unverified || self.unusable.is_some();
         Conditions::NONE.with(Condition::ParameterDefault, notice)
@@ -346,7 +346,7 @@ impl Contents {
     }
 }
 
-/// Next generation; its low byte is never 0.
+/// The generation after `generation`; its low byte is never 0.
 const fn following(generation: u32) -> u32 {
     match generation.wrapping_add(1) {
         next if next & 0xff == 0 => next.wrapping_add(1),

@@ -188,7 +188,8 @@ macro_rules! parameters {
             },)+
         ];
 
-        /// Declarations of the parameters, in the same order. Separate from the table, so that images do not hold them.
+        /// Declarations of the parameters, in the order of the table. Separate from the table, so that firmware does
+        /// not contain them.
         static FIELDS: [Field; COUNT] = [
             $(field_at(Settings::FIELDS, path!($($path).+)),)+
         ];
@@ -206,7 +207,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// From a declaration; panics at compile time for a number without two bounds.
+    /// Unit and allowed values of a declaration; panics at compile time for a number without two bounds.
     const fn of(kind: Kind) -> Self {
         match kind {
             Kind::Number {

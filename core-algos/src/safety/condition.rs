@@ -247,7 +247,7 @@ impl Conditions {
         }
     }
 
-    /// The same set with `condition` if `holds`.
+    /// This set, with `condition` added if `holds`.
     #[must_use]
     pub const fn with(mut self, condition: Condition, holds: bool) -> Self {
         self.set(condition, holds);
@@ -357,7 +357,7 @@ mod tests {
         assert!(TABLE[0].code > 0, "zero means no code");
     }
 
-    /// Boards and logs of other versions keep their meaning.
+    /// Reserved codes and bits stay unused, so that those in logs of earlier versions keep their meaning.
     #[test]
     fn reserved_codes_and_bits_have_no_condition() {
         for code in [0x04, 0xc6] {

@@ -23,7 +23,7 @@ use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{Posture, Steering, Twist};
 
-/// Largest steering angle of the computation, rad: keeps cos ψ away from zero.
+/// Limit of the steering angle in the computation, rad: keeps cos ψ away from zero.
 const STEEPEST: f32 = 1.2;
 
 /// Margin from the end of the longest stop to the supervisor's timeout, s.
@@ -102,7 +102,7 @@ pub struct Reference {
     pub acceleration: Twist,
     /// Permitted share of the holding torque: 1 until the time at rest is over, then falling to 0.
     pub hold: f32,
-    /// The stop is over: the motors may be switched off.
+    /// True once the stop is over; the motors may then be switched off.
     pub halted: bool,
 }
 
@@ -286,7 +286,7 @@ mod tests {
         let begin = |psi| ramp.begin(at, 0.25, Steering(psi), 0.37);
         for sign in [1.0, -1.0] {
             let twist = begin(sign * 0.4).start;
-            // 0.25 / cos 0.4 and 2 · 0.4 / (0.37 cos 0.4) · 0.25.
+            // Speed 0.25 / cos 0.4, yaw rate 2 · 0.4 / (0.37 cos 0.4) · 0.25.
             assert!((twist.v - 0.271_426).abs() < 1e-5, "{twist:?}");
             assert!((twist.omega - sign * 0.586_867).abs() < 1e-5, "{twist:?}");
             assert_eq!(begin(sign * 1.3), begin(sign * 1.2));
@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn stop_longer_than_the_supervisor_timeout_is_refused() {
-        // At least 0.1 s of deceleration, 0.1 s of rest, 0.75 s of fading, 0.1 s of margin.
+        // A stop needs at least 0.1 s of deceleration, 0.1 s of rest, 0.75 s of fading and 0.1 s of margin.
         for (timeout, fits) in [(1.0499, false), (1.0501, true), (f32::NAN, false)] {
             let refused = Config::default().build(timeout).err();
             let field = refused.map(|error| error.field);

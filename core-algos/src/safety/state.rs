@@ -73,7 +73,7 @@ enumeration! {
         Arm,
         /// Begin to drive.
         Start,
-        /// Driving is done: hold.
+        /// End the drive and hold.
         Finish,
         /// Come to rest and switch the motors off.
         Disarm,

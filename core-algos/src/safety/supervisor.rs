@@ -167,7 +167,7 @@ pub struct Input {
     pub request: Option<StateRequest>,
     /// Distance driven since the last tick, m; a value that is not finite uses the allowance up.
     pub moved_m: f32,
-    /// The coordinated stop is over and the node's motors are no longer needed.
+    /// True if the coordinated stop is over and the node's motors are no longer needed.
     pub halted: bool,
 }
 

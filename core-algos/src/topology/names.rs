@@ -1,4 +1,4 @@
-//! Axles, boards and nodes in files: in text the names of a robot of two axles, in the parameters of links numbers.
+//! Serialized form of axles, boards and nodes: the names of a robot of two axles in text, numbers in binary formats.
 
 use super::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES, Node, Role, Topology};
 use core::fmt;

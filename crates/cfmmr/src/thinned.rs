@@ -1,6 +1,7 @@
-//! A series of values in bounded memory.
+//! Series of values in bounded memory.
 
-/// Evenly spaced values of a series, at most `max_len`, and its latest value. Above `max_len`, every second value is dropped.
+/// Evenly spaced values of a series, at most `max_len`, and the latest value. When a value too many is kept, every
+/// second value is dropped.
 #[derive(Clone, Debug)]
 pub struct Thinned<T> {
     kept: Vec<T>,
@@ -11,7 +12,7 @@ pub struct Thinned<T> {
 }
 
 impl<T: Clone> Thinned<T> {
-    /// Empty series of at most `max_len` values, an even number.
+    /// Empty series that keeps at most `max_len` evenly spaced values; `max_len` must be even.
     pub fn new(max_len: usize) -> Self {
         Self {
             kept: Vec::new(),
@@ -22,7 +23,7 @@ impl<T: Clone> Thinned<T> {
         }
     }
 
-    /// Appends a value.
+    /// Appends a value to the series.
     pub fn push(&mut self, value: T) {
         self.last = None;
         match self.count.is_multiple_of(self.stride) {
@@ -40,7 +41,7 @@ impl<T: Clone> Thinned<T> {
         self.count += 1;
     }
 
-    /// The values.
+    /// Kept values and the latest value, oldest first: at most `max_len` + 1 values.
     pub fn into_values(self) -> Vec<T> {
         self.kept.into_iter().chain(self.last).collect()
     }

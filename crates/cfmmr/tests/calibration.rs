@@ -84,7 +84,7 @@ fn gyro_calibration_is_limited_by_marks_and_bias_walk() {
 #[test]
 fn wheel_calibration_finds_radius_and_ratio() {
     let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
-    // World ideal: drift on carpet cannot be distinguished from larger wheels.
+    // In world ideal, because drift on carpet could not be distinguished from larger wheels.
     let more = "--laps 1 --world ideal";
     assert_found("wheels", &bounds, more);
     let folder = tempfile::tempdir().unwrap();
@@ -120,10 +120,10 @@ fn calibration_drive_on_virtual_boards_is_bit_identical() {
         run.axles
     });
     let turned = [&before, &after].map(|axles| [0, 1].map(|i| axles[i].lap.end()[2]));
-    // A right wheel smaller by 0.5 %, on 0.3 m with a track of 0.324 m.
+    // A right wheel configured 0.5 % smaller turns the rear axle's odometry by 0.005·0.3 m/0.324 m.
     let change = turned[1][1] - turned[0][1];
     assert!((change + 0.005 * 0.3 / 0.324).abs() < 1e-3, "{change}");
-    // The robot steers by its configured constants, so the other axle turns slightly too.
+    // The robot steers by its odometry, so the front axle turns slightly too.
     let other = turned[1][0] - turned[0][0];
     assert!(other.abs() < 0.5 * change.abs(), "{other}");
 }

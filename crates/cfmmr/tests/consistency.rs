@@ -48,6 +48,6 @@ fn no_fusion_is_overconfident() {
     for row in [intersection, odometry] {
         assert_ne!(row.statement, Statement::Overconfident, "{:?}", axles(row));
     }
-    // A gyro improves the heading.
+    // With a gyro the heading error is smaller.
     assert!(inertial.end.midpoint.rms[2] < joint.end.midpoint.rms[2]);
 }

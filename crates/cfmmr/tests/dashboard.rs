@@ -30,10 +30,10 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
-/// Program on its own terminal.
+/// `cfmmr` on a pseudo-terminal of its own.
 struct Session {
     keyboard: File,
-    /// The program's side of the terminal; gives the terminal modes.
+    /// The program's side of the terminal, from which the test reads the terminal modes.
     terminal: File,
     screen: Receiver<Vec<u8>>,
     shown: String,
@@ -168,7 +168,7 @@ fn posture(folder: &tempfile::TempDir) -> Session {
     for text in [ENTER, "RearAxle", "Links", "Estimate", "Faults"] {
         session.expect(text);
     }
-    // The lead node drives.
+    // The lead node drives when its state is `Active`.
     session.expect("Active");
     assert!(!session.is_in_line_mode(), "keys come one by one");
     session
@@ -324,13 +324,13 @@ fn front_board(damaged: usize) -> String {
                     sim_link.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
                     answers += usize::from(!answer.is_empty());
                     if answers == damaged {
-                        // Neither value is the end of a frame.
+                        // The byte that ends a frame is neither 1 nor 2.
                         answer[1] = if answer[1] == 1 { 2 } else { 1 };
                         answers += 1;
                     }
                     port.write_all(&answer).unwrap();
                 }
-                // The other end is not open.
+                // Reading fails while the program has not opened its end of the terminal.
                 Err(_) => thread::sleep(Duration::from_millis(5)),
             }
         }
@@ -344,7 +344,7 @@ fn board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     let port = front_board(300);
     let arguments = format!("hil --dashboard --on serial:front={port}");
     let mut session = Session::start(&mut command(folder.path(), &arguments));
-    // Nodes are to the left of the links, in the same lines.
+    // The words may follow others: the screen shows nodes to the left of links, in the same lines.
     let outside = ["rear", "without", "a", "port"];
     session.expect_line(|words| words.windows(4).any(|words| words == outside));
     let counts = |words: &[&str]| -> Option<[u32; 3]> {
@@ -357,7 +357,7 @@ fn board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
         let counts: Result<Vec<u32>, _> = counts.into_iter().collect();
         counts.ok()?.try_into().ok()
     };
-    // The request of the damaged answer was repeated.
+    // The damaged answer counts as damaged and as lost, and the host has repeated its request.
     session.expect_line(|words| {
         counts(words)
             .is_some_and(|[frames, lost, damaged]| frames >= 300 && lost >= 1 && damaged == 1)

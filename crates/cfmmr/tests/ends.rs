@@ -43,7 +43,7 @@ fn uncertain_end_of_a_path_is_in_table_json_csv_log_and_page() {
         assert_eq!(end["code"], "0x0d");
         assert_eq!(end["notices"][0], "goal uncertain");
         let [position, heading] = [0, 1].map(|k| float(&end["error_95"][k]));
-        // Position error above the tolerance of 10 cm, heading error above the tolerance of 5°.
+        // The 95 % errors of position and heading exceed the tolerances of 10 cm and 5°.
         assert!((0.1..0.5).contains(&position) && heading > 0.0873, "{end}");
         // The truth is within the 95 % error of the estimate.
         let at = |key: &str, k: usize| float(&end[key][k]);
@@ -97,7 +97,7 @@ fn estimate_beyond_the_linear_range_is_uncertain_at_any_tolerance() {
     }
 }
 
-/// Commands, and parts of the error.
+/// Refused commands, each with parts of its error.
 const FAR_PATHS: &str = "
 drive --from=1.2,0,0 follow two.csv | begins 1.20 m from the robot | at most 0.40 m | max_deviation_m
 drive --from=0.3,0.3,0 follow two.csv | begins 0.42 m
@@ -121,14 +121,14 @@ fn path_that_the_robot_cannot_begin_is_refused_before_the_run() {
     file("drift", "speed 0.2 0 6\nstop\nfollow two.csv\n");
     crate::program::assert_refused(folder.path(), "", FAR_PATHS);
 
-    // A second drive along an open path begins at the path's start.
+    // A second drive along an open path begins at the path's start, so its duration is that of the whole path.
     succeed(folder.path(), "drive --script back --json result.json");
     let steps = json_file(folder.path(), "result.json")["steps"].clone();
     let end = |k: usize, key: &str| steps[k]["end"][key].clone();
     assert_eq!([0, 1, 2].map(|k| end(k, "kind")), ["reached"; 3]);
     assert!(float(&end(2, "duration_s")) > 4.0, "{steps}");
 
-    // If the start of a step is not known before the run, the step fails during the run.
+    // The posture before the third step is not known before the run, so the step fails during the run.
     let run = cfmmr(folder.path(), "drive --script drift --json result.json").ends_with(1);
     for part in [
         "line 3: follow two.csv: stopped (0x8f), path lost",
@@ -231,7 +231,7 @@ fn posture_and_paper_count_their_ends_and_write_every_trial() {
     for (command, out, rows) in [(posture, "posture", 3), (paper, "paper", 2)] {
         let printed = succeed(folder.path(), command);
         assert!(!printed.contains("NaN"), "{printed}");
-        // The bound of encoders alone is marked by ≤, and each printed kind of end is explained.
+        // The 95 % error of encoders alone is marked ≤ as an upper bound, and each printed kind of end is explained.
         let bound = |line: &str| line.contains("encoders") && line.contains("≤");
         assert_eq!(printed.lines().any(bound), out == "posture", "{printed}");
         let meaning = format!("uncertain: {}", EndKind::Uncertain.meaning());

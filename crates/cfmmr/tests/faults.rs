@@ -35,7 +35,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
     );
 }
 
-/// A run is wrong if its entry does not allow the actual end, code or time.
+/// A run is wrong if the definition of its fault does not allow the actual end, code or time.
 #[test]
 fn outcomes_beyond_an_entry_are_wrong() {
     let all = catalogue();
@@ -82,7 +82,7 @@ fn outcomes_beyond_an_entry_are_wrong() {
     }
 }
 
-/// Runs in addition to the catalogue: narrow limits, and conditions that the drivers of an axle report.
+/// Runs in addition to the faults of `cfmmr faults`: narrow limits, and conditions that the drivers of an axle report.
 fn runs() -> Vec<(&'static str, Fault)> {
     vec![
         ("robot.lead.limits.bend_rad=0.2", Fault::None),

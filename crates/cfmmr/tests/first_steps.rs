@@ -110,7 +110,7 @@ impl Machine {
         self.program(name, &format!("echo '{line}'"));
     }
 
-    /// Adds a compiler, with or without the libraries of the boards' target.
+    /// Adds a fake compiler; the libraries of the boards' target are installed if `there` is true.
     fn with_target(&self, there: bool) {
         let libraries = match there {
             true => self.0.path().to_owned(),

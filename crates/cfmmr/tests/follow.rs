@@ -66,7 +66,7 @@ fn robot_follows_every_path_within_the_estimate_error() {
             "{name}: {estimate:?}"
         );
         assert!(estimate.final_m < 3e-3, "{name}: {estimate:?}");
-        // Placement contributes 2 mm, odometry the rest.
+        // Placement contributes 2 mm to the error, odometry the rest.
         assert!(truth.rms_m < 0.015, "{name}: {truth:?}");
         assert!(truth.final_m < 0.025, "{name}: {truth:?}");
         assert!(truth.final_heading_rad.abs() < 0.035, "{name}: {truth:?}");
@@ -98,7 +98,7 @@ fn robot_tracks_every_trajectory() {
                     f64::from(center.x) - moment.target.x,
                     f64::from(center.y) - moment.target.y,
                 );
-                // The estimate is one epoch older than the target.
+                // The estimate is one epoch older than the target, so the travel of one epoch, 0.01 s, is added.
                 c * dx + s * dy + 0.01 * f64::from(moment.record.lead.motion.v)
             })
             .collect();
@@ -119,7 +119,7 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
             "{outcome:?}"
         );
         assert!(outcome.estimate.rms_m < 5e-3, "{outcome:?}");
-        // Curvature from the motion of the midpoint over tenths of a second.
+        // The curvature is computed from the motion of the midpoint in each tenth of a second.
         for pair in moments.windows(11).step_by(10) {
             let [a, b] = [pair[0].record.midpoint, pair[10].record.midpoint];
             let distance = (b[0] - a[0]).hypot(b[1] - a[1]);
@@ -154,7 +154,7 @@ fn robot_beside_the_path_converges_to_it() {
 
 #[test]
 fn several_laps_are_streamed_through_the_boards_buffer() {
-    // A lap is longer than the board's buffer, and ends at its start.
+    // A lap has more points than the board's buffer.
     let path = Path::circle(0.45).unwrap();
     let mut scenario = scenario();
     let route = Route::new(&path, 2, &scenario).unwrap();

@@ -199,7 +199,7 @@ fn lost_and_damaged_serial_messages_are_repeated_without_effect() {
     regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     let trace = simulation.take_trace().unwrap();
     for report in simulation.boards().reports() {
-        // One exchange in five or six fails in one of its two directions.
+        // Request or answer fails in one of five or six exchanges.
         let share = report.lost as f64 / trace.ticks() as f64;
         assert!(share > 0.1 && share < 0.4, "{report:?}");
         assert!(report.damaged > 100, "{report:?}");
@@ -243,7 +243,7 @@ fn assert_torques_zero(simulation: &Simulation) {
     assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
 }
 
-/// Time from the failure until the motors of the other axle were off, ms.
+/// Time from the failure of an axle's board until the motors of the other axle were off, ms; `None` if they stayed on.
 fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     let events = simulation.boards().events().iter();
     let mut times = events.filter_map(|event| match event.what {
@@ -272,7 +272,7 @@ fn robot_stopped_by_a_restart_rests_until_cleared() {
     for (node, state) in [
         (Node::Lead, OperatingState::Fault),
         (Node::axle(0), OperatingState::Fault),
-        // The rear axle has restarted and waits.
+        // The rear axle has restarted, so it waits without a fault.
         (Node::axle(1), OperatingState::Idle),
     ] {
         assert_eq!(monitor.latest(node).unwrap().state, state, "{node:?}");
@@ -408,7 +408,7 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
             keep = None;
             board.send(&room[..count]).unwrap();
             while let count @ 1.. = board.receive(&mut answer, Duration::ZERO).unwrap() {
-                // The answer to the last request has no reader.
+                // Writing the answer to the last request fails, because the host has closed the terminal.
                 let _ = port.write_all(&answer[..count]);
             }
         }

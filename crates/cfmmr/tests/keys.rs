@@ -23,10 +23,10 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
 use toml::{Table, Value};
 
-/// Tick of a fault without a tick.
+/// Tick at which a fault begins if the line of its situation names no tick.
 const FAULT_TICK: &str = "4000";
 
-/// Task in a changed default scenario, and a fault with its tick.
+/// Task, fault with its tick, and changes of the default scenario.
 struct Situation {
     task: Task,
     fault: Option<(Fault, u32)>,
@@ -194,8 +194,8 @@ impl Situation {
         effect::text(key, taken, &[(scenario, used)])
     }
 
-    /// Runs the scenario and returns a hash of the recorded state of each epoch. Stops at the first hash that differs from
-    /// `before`, unless `before` is empty.
+    /// Runs the scenario and returns a hash of the recorded state of each epoch. Stops at the first hash that differs
+    /// from `before`, unless `before` is empty.
     fn run(&self, scenario: &Scenario, before: &[u64]) -> Result<Vec<u64>, Error> {
         let mut scenario = scenario.clone();
         let route = match self.task {
@@ -233,7 +233,7 @@ impl Situation {
     }
 }
 
-/// Hashes the state of each epoch.
+/// Observer that hashes the state of each epoch and fails at the first difference from `before`.
 struct Epochs {
     hashes: Arc<Mutex<Vec<u64>>>,
     before: Vec<u64>,
@@ -272,7 +272,7 @@ impl Observer for Epochs {
     }
 }
 
-/// Paths of all values.
+/// Appends the key paths of all values in a TOML value to `found`.
 fn value_paths(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
     let mut inner = |key: String, value: &Value| value_paths(value, &[at, &[key]].concat(), found);
     match value {
@@ -293,7 +293,7 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
     })
 }
 
-/// Values to try; some may be out of range.
+/// Values to try instead of `value`; some may be out of range.
 fn trial_values(value: &Value) -> Vec<Value> {
     let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
                  piecewise quadrature wheels filter off reference beam joint odometry";
@@ -378,7 +378,7 @@ type Change = Box<dyn Fn(&Scenario) -> Vec<Scenario> + Send + Sync>;
 /// Situation with its scenario and its unchanged run.
 type Baseline = (Situation, Scenario, Vec<u64>);
 
-/// Keys without an effect under any fault of the catalogue, with the test that covers each.
+/// Keys without an effect in any situation and under any known fault, with the test that covers each.
 const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
     "robot.beam.health.clear_periods",
     "a gauge that recovers: core-algos, beam/health.rs",
@@ -413,7 +413,8 @@ fn search_effect(key: &str, made: &[Baseline], change: &Change) -> Result<KeyEff
         return Ok(KeyEffect::Elsewhere);
     }
     let (mut refused, mut tried) = (true, false);
-    // One value usually shows the effect in the right situation; in other situations each value costs a whole run.
+    // Tries one value in all situations first: in the right situation one value usually shows the effect, and in any
+    // other situation each value costs a whole run.
     for values in [0..1, 1..7] {
         for (i, (situation, scenario, before)) in made.iter().enumerate() {
             let others = change(scenario);
@@ -447,7 +448,7 @@ fn wrongly_refused(
     keys: &[(String, Change)],
 ) -> Vec<String> {
     let refused = |key: &str, scenario: &Scenario| situation.refusal(key, scenario).is_some();
-    // Changing a key may give an effect to this key or to others.
+    // A change may give an effect to the changed key or to other keys; such a change is left out or made alone.
     let with = |scenario: &Scenario, (key, change): &(String, Change)| {
         let others = change(scenario);
         others.into_iter().find(|other| refused(key, other))

@@ -90,7 +90,7 @@ fn saved_parameters_remain_after_a_reset_of_a_virtual_board() {
         let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
         set_save_and_reset(Box::new(board), role);
     }
-    // Flash files are compatible: an in-process board reads the file of the virtual board.
+    // An in-process board reads the flash file of the virtual board.
     let file = folder.path().join("a, b rear");
     let mut board = Remote::new(
         Topology::PAIR,
@@ -101,7 +101,7 @@ fn saved_parameters_remain_after_a_reset_of_a_virtual_board() {
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }
 
-/// Wrong commands, and parts of the error.
+/// Wrong commands, each with parts of its error.
 const WRONG: &str = "
 set --board rear robot.geometry.wheel_radius_m=9 | robot.geometry.wheel_radius_m = 9 | 0.01 to 0.5
 set --board rear robot.geometry.wheel_radius_m=nan | wheel_radius_m = NaN | 0.01 to 0.5

@@ -53,7 +53,7 @@ impl Port {
         }
         self.wire = plugged.then(|| {
             let (master, path) = pseudo_terminal();
-            // A board does not block if the host does not read.
+            // Not blocking, because a board sends on although the host does not read.
             rustix::io::ioctl_fionbio(&master, true).unwrap();
             symlink(path, &self.name).unwrap();
             let file = File::from(master);
@@ -118,7 +118,7 @@ impl RobotBench {
                 ports[0].plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
                 for (role, port) in Role::PAIR.into_iter().zip(&mut ports) {
-                    // Reading fails if the other end is not open.
+                    // Reading fails while the host has not opened its end of the terminal.
                     let count = port
                         .wire
                         .as_mut()
@@ -359,7 +359,7 @@ fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    // Dead reckoning has drifted over 3 m.
+    // The tolerance is wide because dead reckoning drifts over 3 m.
     assert!((x - 2.9).hypot(y) < 0.1, "{x} {y}");
 }
 
@@ -456,7 +456,7 @@ fn robot_brakes_while_its_cable_is_unplugged() {
     let reconnected = &report["reconnected"];
     assert!(reconnected.as_u64().unwrap() >= 1, "{reconnected}");
     let robot = bench.robot();
-    // The port is unplugged for 0.5 s of every 2 s.
+    // Without interruption x would be 1.05 m; the port is unplugged for 0.5 s of every 2 s.
     let [x, _, _] = robot.record().midpoint;
     assert!((0.02..0.95).contains(&x), "{x}");
     let notices = robot.monitor().noticed(Node::Lead);
@@ -499,7 +499,7 @@ fn power_cycle_of_the_robot_ends_the_run() {
         let error = run.ends_with(1).error;
         assert!(error.contains("front board: it was restarted"), "{error}");
     }
-    // Without rolling resistance the simulated robot keeps rolling with its motors off.
+    // Only the motors are checked: without rolling resistance the simulated robot rolls on with its motors off.
     let robot = bench.robot();
     assert_motors_off(&robot);
 }

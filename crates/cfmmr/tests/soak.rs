@@ -16,7 +16,7 @@ fn short_soak_has_no_problems() {
     .unwrap();
     assert_eq!(pieces, soak::pieces());
     assert!(report.problems().is_empty(), "{:?}", report.problems());
-    // Below 3: the filter allows for backlash and calibration errors, which this world does not have.
+    // The NIS is below 3, because the filter allows for backlash and calibration errors, which this world lacks.
     let nis = report.nis.unwrap().mean;
     assert!((0.05..3.0).contains(&nis), "{nis}");
     for window in &report.windows {

@@ -53,7 +53,7 @@ fn figures_of_a_trial_agree_with_its_records() {
         commanded = commanded.max(f64::from(record.lead.motion.psi.0).abs());
     })
     .unwrap();
-    // Chord of a circular frame from its arc: κ = 2 sin ψ/(chord cos ψ).
+    // For a circular frame of arc length 0.37 m bent by 2ψ, κ = 2 sin ψ/(chord cos ψ).
     let kappa = |psi: f64| {
         let radius = 0.37 / (2.0 * psi);
         2.0 * psi.sin() / (2.0 * radius * psi.sin() * psi.cos())
@@ -64,7 +64,7 @@ fn figures_of_a_trial_agree_with_its_records() {
         "{outcome:?} {length}"
     );
     assert!((outcome.max_commanded_curvature / kappa(commanded) - 1.0).abs() < 1e-6);
-    // Records are ten times coarser in time.
+    // `outcome` has the maximum over all ticks, the records only every tenth tick, so the ratio is at least 1.
     let ratio = outcome.max_curvature / kappa(steering);
     assert!((1.0..1.01).contains(&ratio), "{ratio}");
     assert!((outcome.max_path_curvature / turning - 1.0).abs() < 0.02);

@@ -104,7 +104,7 @@ fn robot_without_beam_drives_on() {
 
 #[test]
 fn robot_without_beam_stops_at_the_degraded_limits() {
-    // The loss counts after ten epochs without a measurement and the hold time of 50 ms.
+    // The beam counts as lost after ten epochs without a measurement and the hold time of 50 ms.
     let counts = f64::from(AT) * 1e-3 + 0.15;
     let mut scenario = Scenario::default();
     scenario.robot.lead.supervisor.degraded_time_s = 1.5;
@@ -119,7 +119,7 @@ fn robot_without_beam_stops_at_the_degraded_limits() {
     let run = Run::without_beam(&scenario);
     let stop = run.change(Node::Lead, OperatingState::SafeStop);
     assert_eq!(stop.reason, Some(Condition::DegradedTooLong));
-    // Braking from 0.25 m/s at 1 m/s² takes 3 cm.
+    // The limit is 0.4 m; braking from 0.25 m/s at 1 m/s² adds 3 cm.
     let distance = run.distance_from(counts);
     assert!((0.38..0.47).contains(&distance), "{distance} m");
     run.assert_stopped(stop.time_s);

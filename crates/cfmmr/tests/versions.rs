@@ -45,7 +45,7 @@ fn stored_parameters_of_version_0_1_are_read() {
         }
     }
     assert!(PARAMETERS.lines().count() <= TABLE.len());
-    // Version 1, generation 7, 0.0731 in single precision.
+    // Stored parameter: version 1, generation 7, value 0.0731 in single precision.
     let bytes = [1, 7, 0, 0, 0, 0x74, 0xb5, 0x95, 0x3d];
     let mut contents = Contents::default();
     contents.take(1, &bytes);

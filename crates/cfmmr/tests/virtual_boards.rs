@@ -74,7 +74,7 @@ fn damaged_or_wrong_image_is_refused_by_name() {
     keep(&image);
     let line = "--axle-image beam | beam: firmware-beam image";
     assert_refused(folder.path(), POSTURE, line);
-    // Flip a bit of the program, of the log's names, of the last section's header.
+    // Flips a bit of the program, of the names in the log table, and of the last section's header.
     for place in [image.len() / 16, image.len() / 2, image.len() - 8] {
         let mut damaged = image.clone();
         damaged[place] ^= 4;

@@ -50,7 +50,7 @@ fn faults_end_as_the_catalogue_allows() {
     assert!(ends.eq([End::Stopped, End::WentOn]));
 }
 
-/// A run is wrong if the catalogue's entry of its fault does not allow the end, code, time or finding.
+/// A run is wrong if the definition of its fault does not allow the end, code, time or finding.
 #[test]
 fn outcomes_beyond_an_entry_are_wrong() {
     let mut stops = named("none");

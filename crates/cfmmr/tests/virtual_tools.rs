@@ -43,7 +43,7 @@ fn profile_sums_to_the_load_and_has_the_longest_tick() {
         let functions = profile["functions"].as_array().unwrap();
         let us: f64 = functions.iter().map(|f| f["us"].as_f64().unwrap()).sum();
         let awake = board["load"].as_f64().unwrap() * result["simulated_s"].as_f64().unwrap() * 1e6;
-        // During the start, the clock is the internal oscillator, which is slower than 168 MHz.
+        // The tolerance is for the start, when the clock is the internal oscillator, which is slower than 168 MHz.
         assert!((us / awake - 1.0).abs() < 0.07, "{name}: {us} {awake}");
         let folded = fs::read_to_string(folder.join(format!("profile-{name}.folded"))).unwrap();
         let cycles = folded
@@ -59,7 +59,7 @@ fn profile_sums_to_the_load_and_has_the_longest_tick() {
         }
         let interrupts = profile["interrupts"].as_array().unwrap();
         let of = |handler: &str| interrupts.iter().find(|i| i["name"] == handler).unwrap();
-        // Longest tick measured by the board's own counter.
+        // Longest tick by the board's own counter, to compare with the profile.
         let board_us = board["longest_tick_us"].as_f64().unwrap();
         let interrupt_us = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
         // The interrupt includes the health report of 30 to 35 µs, which the board does not count.
@@ -83,7 +83,7 @@ fn rear_board_without_power_stops_the_robot() {
     let events = result["events"].as_array().unwrap();
     assert_eq!(events[0]["time_s"], 1.2, "{events:?}");
     let off = events[1]["what"]["motors-off"].as_u64().unwrap();
-    // Detection 50 ms, braking 250 ms, rest 100 ms, release of the frame 750 ms.
+    // Upper limit: detection 50 ms, braking 250 ms, rest 100 ms, release of the frame 750 ms.
     assert!((100..1150).contains(&off), "{off}");
     // Warnings of the boards are also on the terminal, with the board's name.
     let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();

@@ -17,7 +17,7 @@ pub enum Allowed {
     Range(f32, f32),
     /// One of the listed numbers.
     OneOf(&'static [f32]),
-    /// A condition that a range cannot state; refuses every value.
+    /// Condition in words, for a value that the caller has already found wrong; a check against it refuses every value.
     Condition(&'static str),
 }
 
@@ -68,16 +68,16 @@ impl Allowed {
 pub struct ConfigError {
     /// Name of the parameter, as in the configuration file.
     pub field: &'static str,
-    /// Indices of the entry in a list or in a list of lists; `None` for a single number.
+    /// Indices of the refused number in its list or list of lists; `None` for a single number.
     pub index: [Option<u8>; 2],
     /// The value that was refused.
     pub value: f32,
-    /// Allowed values.
+    /// Allowed values of the parameter.
     pub allowed: Allowed,
 }
 
 impl ConfigError {
-    /// Adds the index of the entry in its list.
+    /// Adds the index of the refused number in its list; for a list of lists, the inner index first.
     #[must_use]
     pub const fn at(mut self, index: usize) -> Self {
         self.index = [Some(index as u8), self.index[0]];

@@ -5,15 +5,15 @@ use crate::Allowed;
 /// Description of a parameter or of a table of parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Field {
-    /// Key in a file.
+    /// Key of the parameter or table in a configuration file.
     pub name: &'static str,
     /// Doc comment, lines joined; each line begins with a space.
     pub doc: &'static str,
-    /// Form of the value.
+    /// Kind of the value.
     pub kind: Kind,
 }
 
-/// Form of a value.
+/// Kind of a value: numbers, flag, name or table.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A number or a list of numbers.
@@ -25,18 +25,18 @@ pub enum Kind {
         /// True if the values are whole numbers.
         whole: bool,
     },
-    /// True or false.
+    /// A flag, true or false.
     Flag,
-    /// One of these names.
+    /// A name, one of those listed here.
     Choice(&'static [Choice]),
-    /// A table.
+    /// A table with these fields.
     Table(&'static [Field]),
 }
 
 /// Value of an enumeration.
 #[derive(Clone, Copy, Debug)]
 pub struct Choice {
-    /// Name in a file.
+    /// Name of the value in a configuration file.
     pub name: &'static str,
     /// Doc comment, in the form of [`Field::doc`].
     pub doc: &'static str,
@@ -44,7 +44,7 @@ pub struct Choice {
 
 /// Type of a key in a file.
 pub trait Declared {
-    /// Form of the values.
+    /// Kind of the values of this type.
     const KIND: Kind;
 }
 
@@ -75,7 +75,7 @@ impl Field {
 }
 
 impl Kind {
-    /// Unit; empty for a pure number and for any other form.
+    /// Unit; empty for a pure number and for a flag, a name or a table.
     pub const fn unit(&self) -> &'static str {
         match self {
             Self::Number { unit, .. } => unit,

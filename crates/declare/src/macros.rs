@@ -115,7 +115,7 @@ macro_rules! declare {
     };
 }
 
-/// Form of a key: a number if unit and allowed values are given, otherwise the form of the type.
+/// Kind of a key's value: a number if unit and allowed values are given, otherwise the kind of its type.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! kind {

@@ -24,7 +24,7 @@ pub enum Strap {
 }
 
 impl Strap {
-    /// Reads the strap, at the start of the board only.
+    /// Reads the strap; call it once, at the start of the board.
     #[cfg(target_os = "none")]
     pub fn read(pin: Peri<'static, PC13>) -> Self {
         let strap = Input::new(pin, Pull::Up);

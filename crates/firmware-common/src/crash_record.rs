@@ -20,7 +20,7 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// All counts zero.
+    /// No faults: all counts are zero.
     pub const NONE: Self = Self {
         panics: 0,
         processor: 0,
@@ -29,7 +29,7 @@ impl Faults {
     };
 }
 
-/// Longest message, bytes.
+/// Length limit of a message, bytes; a longer message is cut off.
 pub const MAX_BYTES: usize = 160;
 
 /// Marks memory as a record of this layout; each layout has its own value.
@@ -161,7 +161,7 @@ mod tests {
         // SAFETY: a record consists of integers and arrays of integers without gaps, so any bytes are a valid value.
         let to_bytes =
             |record: Record| unsafe { core::mem::transmute::<Record, [u8; SIZE]>(record) };
-        // SAFETY: as above.
+        // SAFETY: any bytes are a valid record, because a record consists of integers and arrays of integers.
         let from_bytes = |bytes| unsafe { core::mem::transmute::<[u8; SIZE], Record>(bytes) };
         for bit in 0..8 * SIZE {
             let mut bytes = to_bytes(record());

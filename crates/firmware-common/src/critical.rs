@@ -64,7 +64,7 @@ unsafe impl Impl for BelowCurrentLoop {
     }
 
     unsafe fn release(before: RawRestoreState) {
-        // SAFETY: the value that `acquire` found.
+        // SAFETY: `before` is the value that `acquire` read from the register.
         unsafe { basepri::write(before) };
     }
 }

@@ -14,10 +14,10 @@ const HZ: u32 = 8_000_000;
 const INTERNAL_HZ: u32 = 16_000_000;
 /// Largest allowed deviation from the nominal frequency, %.
 const TOLERANCE: u32 = 9;
-/// Divider of the crystal's frequency before the timer; below, edges per capture.
+/// Divider of the crystal's frequency before the timer, and number of edges per capture.
 const DIVIDER: u32 = 31;
 const EDGES: u32 = 8;
-/// Captures per measurement; the counter overflows after 4 ms, so the captures must be closer than that.
+/// Captures per measurement. The counter overflows after 4 ms, so two captures must be less than 4 ms apart.
 const CAPTURES: u32 = 32;
 /// Polls until a flag counts as missing, about 10 cycles each: 0.1 s for the crystal's start, 1 ms for a capture.
 const START_POLLS: u32 = 160_000;
@@ -39,7 +39,7 @@ pub(crate) fn check() {
         }
         defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
         RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
-        // The clock of the port runs a few cycles later (ES0182).
+        // The port's clock starts a few cycles after it is enabled (ES0182).
         cortex_m::asm::dsb();
         GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
         for _ in 0..BLINKS {

@@ -87,7 +87,7 @@ fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
         // memory as uninitialised.
         let mut record = unsafe { place.read_volatile() }.or_new();
         let result = f(&mut record);
-        // SAFETY: as above.
+        // SAFETY: the critical section makes the write exclusive.
         unsafe { place.write_volatile(record.sealed()) };
         result
     })
@@ -101,7 +101,7 @@ fn make_safe() {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
-    // On another core clock the CAN controller would disturb the bus until the reset.
+    // On the internal oscillator the controller's bit rate is wrong, and it would disturb the bus until the reset.
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
 }
 
@@ -110,7 +110,7 @@ fn make_safe() {
 pub(crate) fn supply_low() -> ! {
     make_safe();
     RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
-    // Below 2.1 V prefetch does not work.
+    // Prefetch does not work below 2.1 V, to which the supply may fall.
     FLASH.acr().modify(|w| w.set_prften(false));
     stop(
         |faults| &mut faults.processor,
@@ -217,7 +217,7 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
-/// The crystal has stopped, the only source of this interrupt; the core runs on the internal oscillator.
+/// Handles a stopped crystal, the only source of this interrupt; the core then runs on the internal oscillator.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     stop(

@@ -11,7 +11,7 @@ use core_algos::link::run_link::REPORT_ENTRIES;
 /// Capacity in words: twice what all boards write in two epochs. A power of two.
 const CAPACITY: usize = 512;
 
-/// Marks an unencoded frame; stands in place of the length.
+/// Value of the length byte that marks an unencoded frame.
 const FRAME: u32 = 0xff;
 
 /// Encoded log entries of one report.

@@ -19,7 +19,7 @@ const GUARD: u32 = 16 * 1024;
 /// Region of the protection unit; where regions overlap, the highest number applies.
 const REGION: u32 = 7;
 
-/// Sets the guard; call it before all else.
+/// Sets the guard; call it first.
 pub(crate) fn guard() {
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;

@@ -19,7 +19,7 @@ const LINE: usize = 16;
 /// Waits for the supply, with the core on the internal oscillator.
 pub(crate) fn wait() {
     RCC.apb1enr().modify(|w| w.set_pwren(true));
-    // The clock of the power controller runs a few cycles later (ES0182).
+    // The power controller's clock starts a few cycles after it is enabled (ES0182).
     cortex_m::asm::dsb();
     detect();
     while PWR.csr1().read().pvdo() {}

@@ -23,7 +23,7 @@ pub struct CheckIn(&'static AtomicU32);
 impl CheckIn {
     /// Reports one turn of the task's loop.
     pub fn report(&mut self) {
-        // The counter has one writer, so no update is lost.
+        // Load and store may be separate steps: the counter has one writer, so no update is lost.
         let count = self.0.load(Ordering::Relaxed).wrapping_add(1);
         self.0.store(count, Ordering::Relaxed);
     }

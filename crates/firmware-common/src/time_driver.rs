@@ -36,7 +36,7 @@ embassy_time_driver::time_driver_impl!(static DRIVER: SysTickDriver = SysTickDri
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-/// Starts the clock.
+/// Starts SysTick with its interrupt.
 pub(crate) fn start() {
     // SAFETY: only this module uses SysTick.
     let mut systick = unsafe { cortex_m::Peripherals::steal() }.SYST;
@@ -59,12 +59,12 @@ impl Driver for SysTickDriver {
         critical_section::with(|_| {
             let mut count = SYST::get_current();
             let mut periods = self.periods();
-            // A period that ended while interrupts were masked is not counted yet.
+            // The interrupt has not yet counted a period that ended while interrupts were masked.
             if SCB::is_pendst_pending() {
                 count = SYST::get_current();
                 periods += 1;
             }
-            // The counter runs down from PERIOD − 1; the next period begins at 0.
+            // The counter runs down from PERIOD − 1 to 0; its value 0 is the start of the next period.
             let elapsed = (PERIOD - count) % PERIOD;
             periods * u64::from(PERIOD_US) + u64::from(elapsed / CYCLES_PER_US)
         })

@@ -28,12 +28,12 @@ pub struct Stopwatch {
     began: u32,
     /// Largest deviation of the time between two starts from the period, µs.
     jitter: Micros,
-    /// Longest duration, cycles.
+    /// Longest duration of the job, core cycles.
     longest: u32,
 }
 
 impl Stopwatch {
-    /// For a job that starts every `period`, µs.
+    /// Creates a stopwatch for a job that starts every `period`, µs.
     pub fn new(period: Micros) -> Self {
         Self {
             period,

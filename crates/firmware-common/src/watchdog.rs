@@ -20,7 +20,7 @@ pub const TIMEOUT_US: u32 = 500_000;
 /// Timeout during the start of a board, µs; a start takes about 40 ms.
 const START_US: u32 = 2_000_000;
 
-/// Timeout of an extension, µs: erasing a sector stops the core for up to half a second, a save for several.
+/// Extended timeout during a save, µs. A save may erase several sectors; each erase stops the core for up to 0.5 s.
 const EXTENDED_US: u32 = 30_000_000;
 
 /// Polls of the status, about 10 cycles each, after which the watchdog must have accepted its registers. Accepting

@@ -254,7 +254,7 @@ fn temporary_in(directory: &Path, name: &str) -> Result<NamedTempFile, OutputErr
     let mut builder = Builder::new();
     let builder = builder.prefix(&prefix).suffix(".partial");
     let file = builder.permissions(everyone).tempfile_in(directory);
-    // Only the kind of the error: the library's text repeats the path.
+    // Reports only the kind of the error, because the library's text repeats the path.
     file.map_err(|error| failed("write into", directory)(error.kind().into()))
 }
 
@@ -273,9 +273,9 @@ pub fn json(value: &impl Serialize) -> String {
 /// One cell of a [`Csv`] row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// A number of the simulation.
+    /// Double-precision number of the simulation.
     Double(f64),
-    /// A number of the on-board code; its text is shorter than the text of the equal `f64`.
+    /// Single-precision number of the on-board code; its text is shorter than the text of the equal `f64`.
     Single(f32),
     /// A counter.
     Integer(i64),

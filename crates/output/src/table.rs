@@ -3,7 +3,7 @@
 use crate::terminal;
 use std::fmt;
 
-/// A table: the first column is aligned left, the others right, or all left.
+/// Text table. The first column is aligned left and the others right; [`Table::left_aligned`] aligns all columns left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     left: bool,
@@ -56,7 +56,7 @@ impl Table {
     }
 
     /// Widths of the columns, characters. If the table is wider than `limit`, the widest columns shrink to their
-    /// longest word, then to the longest piece of a name ([`PARTS`]).
+    /// longest word; if that is not enough, to the longest piece of a word between two [`PARTS`].
     fn widths(&self, limit: usize) -> Vec<usize> {
         let longest = |separators: &[char]| {
             let mut widths = Vec::new();
@@ -87,7 +87,7 @@ impl Table {
 /// Characters after which a name may be split.
 const PARTS: [char; 4] = [' ', '.', '_', '/'];
 
-/// The text split after each separator, except within a figure such as `18.50 ± 2.10`, `68 %` or `(62 to 74)`.
+/// Splits the text after each separator, but keeps numbers such as `18.50 ± 2.10`, `68 %` or `(62 to 74)` whole.
 fn pieces<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
     let mut pieces = Vec::new();
     let mut rest = text;

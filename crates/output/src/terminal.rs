@@ -54,7 +54,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Text with numbers of more than 40 digits cut.
+/// Text in which numbers of more than 40 digits are shortened.
 fn short_numbers(text: &str) -> Cow<'_, str> {
     const MOST: usize = 40;
     const KEPT: usize = 8;

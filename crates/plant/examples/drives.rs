@@ -1,8 +1,8 @@
-//! Runs the plant alone on its drives and prints the real-time factor over 20 s.
+//! Runs the plant alone on its drives over 20 s and prints the real-time factor of each drive.
 //!
-//! With an argument, prints a table of largest bend, largest force, and error against an explicit
-//! reference over this time, s: `cargo run -p plant --release --example drives -- 5`. A second
-//! argument is the number of axles, by default 2.
+//! With a time T (s) as argument, prints a table instead: largest bend and largest force over 20 s, and error against
+//! the explicit reference over T: `cargo run -p plant --release --example drives -- 5`. A second argument is the number
+//! of axles, by default 2.
 
 use plant::drive::{DRIVES, Drive};
 use plant::{PlantConfig, TICK_S};
@@ -43,7 +43,7 @@ fn main() {
     }
     for drive in DRIVES {
         let config = drive.config(&PlantConfig::default());
-        // The drive with imperfections has constants of two axles.
+        // The drive with imperfections has constants for two axles only.
         if config.for_axles(axles).is_err() {
             continue;
         }
@@ -52,7 +52,7 @@ fn main() {
             println!("{}: {factor:.0}", drive.name);
             continue;
         };
-        // The reference has no load transfer, backlash or cogging.
+        // No error for a drive with backlash: the reference has no load transfer, backlash or cogging.
         let error = match config
             .backlash_rad
             .entries()

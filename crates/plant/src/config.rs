@@ -62,7 +62,7 @@ impl Declared for Tyre {
 }
 
 impl Tyre {
-    /// Brush tyres, all of one slip stiffness.
+    /// Brush tyres with one slip stiffness for all wheels.
     pub fn brush(stiffness: f64) -> Self {
         Self::Brush(Brush {
             slip_stiffness: [[stiffness; 2]; 1].into(),
@@ -168,9 +168,9 @@ declare! {
         pub internal_damping_s: f64 = 1e-3, "s": Range(0.0, 0.1);
         /// Amplitude of the waviness of the unloaded strip.
         pub natural_slope_rad: f64 = 1e-3, "rad": Range(-0.05, 0.05);
-        /// Rigid part between the axle behind a frame and the strip.
+        /// Length of the rigid part between the axle behind a frame and the strip.
         pub rigid_root_m: f64 = 0.0, "m": Range(0.0, 1.0);
-        /// Rigid part between the strip and the axle ahead of it.
+        /// Length of the rigid part between the strip and the axle ahead of it.
         pub rigid_tip_m: f64 = 0.0, "m": Range(0.0, 1.0);
         /// Angle of the rear clamp of a frame, and of the strip in it, to the heading of the axle behind.
         pub clamp_angle_root_rad: f64 = 0.0, "rad": Range(-0.2, 0.2);
@@ -205,7 +205,8 @@ impl PlantConfig {
         self.mass_kg.entries().len()
     }
 
-    /// Checks every constant.
+    /// Checks the range of every constant. The strip's bending stiffness and length give the range of its axial
+    /// stiffness.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
         self.tyre.check()?;

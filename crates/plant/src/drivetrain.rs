@@ -41,7 +41,7 @@ impl Drivetrain {
         let [[a, b], [c, d]] = [config.backlash_rad[first], config.backlash_rad[last]];
         let phase = &config.cogging_phase_rad;
         let [[e, f], [g, h]] = [phase[first], phase[last]];
-        // A missing axle gets no backlash: backlash would keep the group on the slower branch.
+        // A missing second axle gets no backlash: with backlash the group would take the slower code.
         let half = if last == first { 0.0 } else { 0.5 };
         let half_backlash = [0.5 * a, 0.5 * b, half * c, half * d];
         Self {
@@ -87,7 +87,7 @@ impl Drivetrain {
             half[w] = 0.5 * self.periods * h * speed;
             middle[w] = self.periods * angle + half[w] + self.phase[w];
         }
-        // sin(x)/x.
+        // Factor of the mean over the turned angle: sin(x)/x.
         let x = V::load(&half);
         let share = if x.abs().all_at_most(0.5) {
             let (z, one) = (x * x, V::splat(1.0));
@@ -113,7 +113,8 @@ impl Drivetrain {
         (axle.wheel_angle[side] + self.gap[w], speed)
     }
 
-    /// Separates or engages teeth after a part `h` (s) of a step; `before` holds the wheel speeds at its start.
+    /// Separates or engages teeth after a part `h` (s) of a step; `before` holds the wheel speeds at the start of the
+    /// part.
     #[cold]
     pub fn mesh(
         &mut self,
@@ -152,7 +153,7 @@ impl Drivetrain {
         }
     }
 
-    /// Writes angles and speeds of the motors to the axles.
+    /// Writes angles and speeds of the motors to the states of the axles.
     #[inline(always)]
     pub fn publish(&self, axle: &mut [AxleState]) {
         for w in 0..2 * axle.len() {

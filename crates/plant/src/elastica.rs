@@ -17,26 +17,27 @@ pub struct Elastica {
     pub axial: f64,
     /// Legendre coefficients c₂ and c₃ of the unloaded curvature times length.
     pub waves: [f64; 2],
-    /// Integration steps along the strip.
+    /// Number of integration steps along the strip.
     pub steps: usize,
 }
 
 /// Root moment (N m) and end force (N, N; root frame), which determine an equilibrium.
 pub type Load = [f64; 3];
 
-/// One integration along the strip.
+/// Result of an integration along the strip.
 #[derive(Clone, Copy, Debug)]
 pub struct Shot {
     /// Position (m, m) and angle (rad) of the end.
     pub end: [f64; 3],
-    /// ∂end/∂load.
+    /// Derivative of the end with respect to the load.
     pub compliance: [[f64; 3]; 3],
     /// ∫ EI κ' κ'ᵀ + (t' t'ᵀ)/EA over the strip, the primes being derivatives of curvature and
     /// tension with respect to the load.
     pub dissipation: [[f64; 3]; 3],
 }
 
-/// θ, x, y, their derivatives with respect to the load, and the upper triangle of the dissipation.
+/// State along the strip: θ, x, y, their derivatives with respect to the load, and the upper triangle of the
+/// dissipation.
 type Line = [f64; 18];
 
 impl Elastica {
@@ -157,7 +158,8 @@ impl Elastica {
             }
             let scale = load.iter().map(|v| v.abs()).fold(0.0, f64::max);
             let change = step.iter().map(|v| v.abs()).fold(0.0, f64::max);
-            // Rounding of the end alone moves the force along the strip by this much.
+            // Rounding of the end's position changes the force along the strip by up to this value, so no smaller step
+            // is required.
             let rounding = 4.0 * f64::EPSILON * self.axial;
             if part == 1.0 && change <= 1e-9 * scale + 1e-13 * self.bending + rounding {
                 return Some(load);
@@ -218,8 +220,7 @@ impl Elastica {
         (normal, side)
     }
 
-    /// Elastic curvature (1/m) at fractions of the length; each is rounded to the nearest grid
-    /// point.
+    /// Elastic curvature (1/m) at fractions of the length; each fraction is rounded to the nearest grid point.
     pub fn curvature(&self, load: Load, fractions: &[f64]) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.steps + 1);
         self.integrate(load, |_, line| {
@@ -232,7 +233,7 @@ impl Elastica {
     }
 }
 
-/// Solution of a 3 × 3 system by elimination with row exchange.
+/// Solution of a 3 × 3 system by elimination with row exchange. `None` if the matrix is singular.
 pub fn solve(m: &[[f64; 3]; 3], b: &[f64; 3]) -> Option<[f64; 3]> {
     let mut a = [[0.0; 4]; 3];
     for i in 0..3 {
@@ -282,7 +283,7 @@ mod tests {
     fn cantilever_under_a_tip_load_follows_the_first_integral() {
         let (length, bending) = (0.37, 0.833);
         let tip: f64 = 0.9;
-        // θ = arcsin(sin(tip)·(1 − u²)) removes the singularity at the tip.
+        // The substitution θ = arcsin(sin(tip)·(1 − u²)) removes the singularity at the tip.
         let n = 200_000;
         let (mut arc, mut height) = (0.0, 0.0);
         for k in 0..n {

@@ -42,7 +42,7 @@ impl Clamps {
 pub struct Geometry {
     /// Direction of the rear axle, (cos, sin).
     pub rear: [f64; 2],
-    /// Direction of the front axle.
+    /// Direction of the front axle, (cos, sin).
     pub front: [f64; 2],
     /// Front axle's midpoint in the rear axle's frame, m.
     pub position: [f64; 2],
@@ -78,7 +78,8 @@ impl Geometry {
         }
     }
 
-    /// Geometry after moving at velocity `v` (frames of the start) for a time, over which the axles turn by `turns`.
+    /// Geometry after the axles have moved for `time` (s) at velocities `v` (axles' frames at the start) and turned by
+    /// `turns` (cos, sin).
     #[inline(always)]
     pub fn moved(&self, clamps: &Clamps, v: &[Vec3; 2], turns: [[f64; 2]; 2], time: f64) -> Self {
         let [f, r] = v;

@@ -46,7 +46,7 @@ const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 /// The simulated robot.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    /// True if the processor has AVX2. The results do not depend on it.
+    /// True if the processor has AVX2, which changes the speed and not the results.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
     bodies: Vec<Body>,
@@ -68,7 +68,7 @@ pub struct Plant {
     health: Health,
 }
 
-/// Wheels of two neighbouring axles, four in a vector. The last group of an odd count holds one axle.
+/// Wheels of two neighbouring axles, four in a vector. If the number of axles is odd, the last group holds one axle.
 #[derive(Clone, Debug)]
 struct Group {
     wheels: Wheels,
@@ -77,7 +77,7 @@ struct Group {
     drivetrain: Drivetrain,
 }
 
-/// Vectors of an axle and of the axle behind it; zero behind the last axle.
+/// Vectors of the axle `first` and of the axle behind it; the second is zero if `first` is the last axle.
 #[inline(always)]
 fn pair<const N: usize, const D: usize>(of: &[[f64; D]; N], first: usize) -> [[f64; D]; 2] {
     let last = if first + 1 < N {
@@ -108,13 +108,13 @@ fn of_group_mut(axles: &mut [AxleState], group: usize) -> &mut [AxleState] {
     &mut axles[2 * group..end]
 }
 
-/// The first `N` entries.
+/// The first `N` entries of `list`.
 #[inline(always)]
 fn sized<T, const N: usize>(list: &[T]) -> &[T; N] {
     list.first_chunk().expect("as many as the robot has axles")
 }
 
-/// Mutable first `N` entries.
+/// The first `N` entries of `list`, mutable.
 #[inline(always)]
 fn sized_mut<T, const N: usize>(list: &mut [T]) -> &mut [T; N] {
     list.first_chunk_mut()
@@ -218,7 +218,7 @@ impl Plant {
         chain
     }
 
-    /// Applies the present loads to the wheels.
+    /// Sets load and rolling radius of every wheel from the present loads.
     fn apply_loads(&mut self) {
         for (g, group) in self.groups.iter_mut().enumerate() {
             group.conditions.load = of_wheels(&self.loads.now, 2 * g);
@@ -229,8 +229,8 @@ impl Plant {
         }
     }
 
-    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`), which are held.
-    /// A missing or non-finite command counts as zero.
+    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`), held over the
+    /// tick. A missing or non-finite command counts as zero.
     pub fn step(&mut self, torque: &[[f64; 2]]) {
         match self.axles.len() {
             2 => self.step_of::<2, 1, 1>(torque),
@@ -445,7 +445,7 @@ impl Plant {
             total[f] = frame.damped(&elastic, &there[f].rate(&pair(&body, f)));
         }
 
-        // Second stage: (I − γhA) k = f(there) − k₁.
+        // Second stage: (I − γhA) k = f(there) − k₁; "there" is the state after half a step of the first stage.
         let mut then = now;
         for k in 0..G {
             let group = &groups[k];
@@ -565,7 +565,7 @@ impl Plant {
 /// Updates the geometry of the frames from the postures of the axles.
 #[inline(always)]
 fn locate<V: Lanes>(axles: &[AxleState], frames: &mut [Frame]) {
-    // Four axles at a time.
+    // Computes the directions of four axles at a time.
     let mut heading = [[0.0; 4]; MAX_AXLES.div_ceil(4)];
     for (i, axle) in axles.iter().enumerate() {
         heading[i / 4][i % 4] = axle.posture[2];

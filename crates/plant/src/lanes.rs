@@ -9,19 +9,19 @@
 
 use std::ops::{Add, Div, Mul, Sub};
 
-/// Four `f64`.
+/// Vector of four `f64`.
 pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The same number four times.
+    /// Vector with the number `x` in every lane.
     fn splat(x: f64) -> Self;
-    /// Loads from memory.
+    /// Loads the four lanes from memory.
     fn load(x: &[f64; 4]) -> Self;
-    /// Stores to memory.
+    /// Stores the four lanes to memory.
     fn store(self) -> [f64; 4];
-    /// Square roots.
+    /// Square root of each lane.
     fn sqrt(self) -> Self;
-    /// Magnitudes.
+    /// Magnitude of each lane.
     fn abs(self) -> Self;
     /// True if every lane is at most `bound` (NaN is not).
     fn all_at_most(self, bound: f64) -> bool;
@@ -29,13 +29,13 @@ pub trait Lanes:
     fn min(self, other: Self) -> Self;
     /// The larger, or `other` where either is NaN.
     fn max(self, other: Self) -> Self;
-    /// These numbers where `a` equals `b`, zero elsewhere.
+    /// The lane where `a` equals `b`, zero elsewhere.
     fn where_equal(self, a: Self, b: Self) -> Self;
-    /// [c, d, a, b].
+    /// Lanes [a, b, c, d] in the order [c, d, a, b].
     fn halves_swapped(self) -> Self;
     /// Lane `i` (0 to 3) four times.
     fn spread(self, i: usize) -> Self;
-    /// Rows to columns.
+    /// Columns of the 4 × 4 matrix with these rows.
     fn transposed(rows: [Self; 4]) -> [Self; 4];
 
     /// Lane `i` (0 to 3).
@@ -89,20 +89,20 @@ impl<V: Lanes> Mul<V> for Twelve<V> {
 }
 
 impl<V: Lanes> Twelve<V> {
-    /// Loads from memory.
+    /// Loads the twelve numbers from memory.
     #[inline(always)]
     pub fn load(x: &[[f64; 4]; 3]) -> Self {
         Self([V::load(&x[0]), V::load(&x[1]), V::load(&x[2])])
     }
 
-    /// Stores to memory.
+    /// Stores the twelve numbers to memory.
     #[inline(always)]
     pub fn store(self) -> [[f64; 4]; 3] {
         let [a, b, c] = self.0;
         [a.store(), b.store(), c.store()]
     }
 
-    /// Sum of the groups.
+    /// Sum of the three groups, lane by lane.
     #[inline(always)]
     pub fn folded(self) -> V {
         let [a, b, c] = self.0;
@@ -130,7 +130,7 @@ macro_rules! narrow {
 narrow!(Add add +, Sub sub -, Mul mul *, Div div /);
 
 impl Narrow {
-    /// These numbers where `taken` is true for the lane, `others` elsewhere.
+    /// The lane where `taken` is true, the lane of `others` elsewhere.
     #[inline(always)]
     fn or_where(self, others: &[f64; 4], taken: impl Fn(usize) -> bool) -> Self {
         Self([0, 1, 2, 3].map(|i| if taken(i) { self.0[i] } else { others[i] }))
@@ -298,7 +298,7 @@ mod wide {
 mod tests {
     use super::*;
 
-    /// Every operation on the same numbers, as bits.
+    /// Results of every operation on the same numbers, as bits.
     fn all<V: Lanes>(rows: &[[f64; 4]; 4]) -> Vec<u64> {
         let v: [V; 4] = std::array::from_fn(|i| V::load(&rows[i]));
         let [a, b, c, _] = v;

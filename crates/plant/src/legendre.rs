@@ -21,13 +21,13 @@ macro_rules! table {
     }};
 }
 
-/// Curvature polynomials, orders 0 to `ORDER − 1`.
+/// Number of curvature polynomials: orders 0 to `ORDER − 1`.
 pub const ORDER: usize = 9;
-/// Polynomials with unknown coefficients: all orders except 0, which the turn of the end gives.
+/// Number of polynomials with unknown coefficients: all orders except 0, which the turn of the end gives.
 pub const MODES: usize = ORDER - 1;
-/// Gauss–Legendre points along the strip.
+/// Number of Gauss–Legendre points along the strip.
 pub const POINTS: usize = 12;
-/// Pairs of points.
+/// Number of pairs of points.
 pub const PAIRS: usize = POINTS / 2;
 
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
@@ -36,7 +36,7 @@ pub const MODE: [usize; MODES] = [7, 5, 3, 1, 8, 6, 4, 2];
 /// Number of entries of [`MODE`] with an even slope function; as many have an odd slope function.
 pub const EVEN: usize = 4;
 
-/// P_n(ξ) and its derivative.
+/// Legendre polynomial P_n(ξ) and its derivative.
 const fn legendre(n: usize, x: f64) -> (f64, f64) {
     let (mut before, mut p) = (1.0, x);
     if n == 0 {
@@ -52,7 +52,7 @@ const fn legendre(n: usize, x: f64) -> (f64, f64) {
     (p, n as f64 * (x * p - before) / (x * x - 1.0))
 }
 
-/// P_n(ξ).
+/// Legendre polynomial P_n(ξ).
 pub const fn polynomial(n: usize, x: f64) -> f64 {
     legendre(n, x).0
 }
@@ -92,7 +92,7 @@ const fn gauss() -> ([f64; PAIRS], [f64; PAIRS]) {
     (nodes, weights)
 }
 
-/// Positive nodes.
+/// Positive Gauss–Legendre nodes, falling.
 pub const NODES: [f64; PAIRS] = gauss().0;
 /// Weights for an integral over unit length (they sum to ½ over the positive nodes).
 pub const WEIGHTS: [f64; PAIRS] = {
@@ -108,8 +108,8 @@ pub const WEIGHTS: [f64; PAIRS] = {
 /// Slope functions at the positive nodes, in the order of [`MODE`].
 pub const SLOPES: [[f64; MODES]; PAIRS] = table!([PAIRS, MODES], |k, i| slope(MODE[i], NODES[k]));
 
-/// Twelve values along the strip, in lanes: the four outermost positive nodes; the other two and
-/// their mirrors; the mirrors of the first four.
+/// Twelve values along the strip, in lanes: at the four outermost positive nodes; at the two innermost positive nodes
+/// and their mirrors; at the mirrors of the four outermost.
 pub type Strand = [[f64; 4]; 3];
 
 /// Number of the positive node in each lane of a [`Strand`], and the sign of the lane's node.
@@ -119,10 +119,10 @@ pub const LANES: [[(usize, f64); 4]; 3] = [
     [(0, -1.0), (1, -1.0), (2, -1.0), (3, -1.0)],
 ];
 
-/// Weights along the strip.
+/// Quadrature weights at the twelve places of a [`Strand`].
 pub const STRAND_WEIGHTS: Strand = table!([3, 4], |g, n| WEIGHTS[LANES[g][n].0]);
 
-/// Slope function of order 0, (1 + ξ)/2, along the strip.
+/// Slope function of order 0, (1 + ξ)/2, at the twelve places of a [`Strand`].
 pub const STRAND_RISE: Strand = table!([3, 4], |g, n| {
     let (node, side) = LANES[g][n];
     0.5 * (1.0 + side * NODES[node])
@@ -143,9 +143,10 @@ pub const STRAND_SLOPES: [[[f64; 4]; 2]; MODES] = {
     all
 };
 
-/// Products of slope functions at each positive node, in lanes. Rows 0 to 2: the even functions with each other. Their
-/// fourth row is left out: its last entry replaces the first entry of row 1, the others follow by symmetry. Rows 3
-/// to 5: the odd functions in the same way. Rows 6 to 9: the even with the odd functions.
+/// Products of slope functions at each positive node, in lanes. Rows 0 to 2: products of the even functions with each
+/// other, without a fourth row. The last entry of the fourth row replaces the first entry of row 1; its other entries
+/// follow by symmetry. Rows 3 to 5: the odd functions, arranged as the even functions. Rows 6 to 9: products of even
+/// and odd functions.
 pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
     let mut all = [[[0.0; 4]; 10]; PAIRS];
     let mut k = 0;
@@ -163,8 +164,8 @@ pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
     all
 };
 
-/// Bending stiffness of each row, 1/(2n + 1), on a strip of unit length and stiffness; even and odd
-/// slope functions.
+/// Bending stiffness of each order n of [`MODE`], 1/(2n + 1), on a strip of unit length and stiffness. The first group
+/// has even slope functions, the second odd.
 pub const BENDING: [[f64; 4]; 2] = table!([2, 4], |g, n| 1.0 / (2 * MODE[4 * g + n] + 1) as f64);
 
 #[cfg(test)]

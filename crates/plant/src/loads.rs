@@ -24,9 +24,9 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
 /// Inertia of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Mass, kg.
+    /// Mass of the axle, kg.
     pub mass: f64,
-    /// Yaw inertia, kg m².
+    /// Yaw inertia about the axle's midpoint, kg m².
     pub inertia: f64,
     /// First moment: mass times the position of the centre of mass, forward and to the left, kg m.
     pub moment: [f64; 2],
@@ -103,7 +103,7 @@ impl Body {
         self.momentum(&turned(&times(&self.inverse, load), turn))
     }
 
-    /// Kinetic energy, J.
+    /// Kinetic energy at the velocity `v`, J.
     pub fn energy(&self, v: &Vec3) -> f64 {
         let [x, y] = self.moment;
         0.5 * self.mass * (v[0] * v[0] + v[1] * v[1])
@@ -133,7 +133,7 @@ pub struct Loads {
     share: f64,
     /// Specific force of each axle after the lag, forward and left, m/s²: the loads are computed from it.
     acceleration: Vec<[f64; 2]>,
-    /// Loads now, N.
+    /// Present load of each wheel, N.
     pub now: Vec<[f64; 2]>,
 }
 
@@ -174,7 +174,7 @@ impl Loads {
         self.height > 0.0
     }
 
-    /// Follows the acceleration of the axles, neighbours `base` (m) apart, for a step.
+    /// Updates the loads after a step from the acceleration of the axles; neighbours are `base` (m) apart.
     #[cold]
     pub fn follow(&mut self, axles: &[AxleState], base: f64) {
         for (follower, axle) in self.acceleration.iter_mut().zip(axles) {
@@ -190,7 +190,7 @@ impl Loads {
         }
         let mut pitch = ahead * self.height / base.max(1e-3);
         for i in 0..axles.len() {
-            // No axle gets a negative load.
+            // Limits the pitching moment, so that no axle gets a negative load.
             let share = pitch_share(i, axles.len());
             if share > 0.0 {
                 pitch = pitch.min(weight(i) / share);
@@ -234,7 +234,7 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
     let load = at_rest(config, &bodies);
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     for (i, body) in bodies.iter().enumerate() {
-        // Moment of all payloads at which the axle has no load.
+        // First moment of all payloads about their axles, kg m, at which this axle has no load.
         let share = pitch_share(i, bodies.len());
         let bound = -body.mass * base(config) / share;
         if share > 0.0 {
@@ -257,7 +257,7 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
         let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
         let others: f64 = others.map(|(_, body)| body.moment[0]).sum();
         check(0, (low - others) / payload, (high - others) / payload)?;
-        // The moment may take at most half the axle's load from a wheel.
+        // The payload may shift at most half the axle's load from one wheel to the other; otherwise a wheel lifts off.
         let half = 0.5 * (load[i][0] + load[i][1]);
         let roll = 0.5 * (load[i][0] - load[i][1]);
         if roll.abs() > half {

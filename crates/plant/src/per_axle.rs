@@ -13,17 +13,17 @@ pub const MAX_AXLES: usize = 5;
 pub struct PerAxle<T>(Vec<T>);
 
 impl<T> PerAxle<T> {
-    /// The entries.
+    /// Entries of the list: one for all axles, or one per axle.
     pub fn entries(&self) -> &[T] {
         &self.0
     }
 
-    /// Mutable entries.
+    /// Mutable entries of the list.
     pub fn entries_mut(&mut self) -> &mut [T] {
         &mut self.0
     }
 
-    /// Expands the list to one entry for each of `axles` axles. The error has this `field` and the number of entries.
+    /// Expands the list to one entry for each of `axles` axles. The error names `field` and the number of entries.
     pub(super) fn spread(&mut self, field: &'static str, axles: usize) -> Result<(), ConfigError>
     where
         T: Clone,

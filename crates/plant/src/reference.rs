@@ -105,7 +105,8 @@ impl Reference {
         )
     }
 
-    /// Force (global), end moment and root moment of a frame on the support of its strip's end, negated.
+    /// Force (global) and moment on the strip's end, and moment on the support of its root, N and N m. The support of
+    /// the end gets the opposite force and moment.
     fn frame(&mut self, y: &Coordinates, f: usize) -> [f64; 4] {
         let (end, rate) = self.strip_end(y, f);
         let frame = &mut self.frames[f];

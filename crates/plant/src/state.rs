@@ -22,7 +22,7 @@ pub struct AxleState {
     pub motor_angle: [f64; 2],
     /// Torques of the motors at the wheels after all limits, N m.
     pub torque: [f64; 2],
-    /// Loads on the wheels, N.
+    /// Loads on the left and the right wheel, N.
     pub load: [f64; 2],
 }
 
@@ -41,20 +41,20 @@ pub struct Wrench {
 /// Counters of the solution of the frames since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
-    /// Substeps taken.
+    /// Number of substeps taken.
     pub steps: u64,
-    /// Factorisations of the frame's equations.
+    /// Number of factorisations of the frames' equations.
     pub factorisations: u64,
     /// Largest number of factorisations for one equilibrium.
     pub most_factorisations: u32,
-    /// Parts that the steps were divided into.
+    /// Parts of substeps taken; an undivided substep is one part.
     pub parts: u64,
-    /// Parts in which the frame's force was a linear prediction.
+    /// Evaluations of a frame's wrench by its linear prediction.
     pub linear_wrenches: u64,
     /// Number of snap-throughs of a frame from one branch to another.
     pub snap_throughs: u64,
-    /// Parts of steps under internal viscosity, during snap-throughs.
+    /// Parts of substeps in which a frame was under internal viscosity, during snap-throughs.
     pub creep_steps: u64,
-    /// Parts of steps without a solution even under internal viscosity; the frame then kept its shape.
+    /// Parts of substeps in which a frame had no solution even under internal viscosity and kept its shape.
     pub failures: u64,
 }

@@ -35,7 +35,8 @@ const ROLLING_FADE_RAD_S: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
-    /// Slip velocity at half the friction, per rolling speed; `creep` is the least such slip velocity, m/s.
+    /// Slip velocity at which the tyre gives half its friction, per rolling speed. `creep` is the least such slip
+    /// velocity, m/s.
     compliance: [f64; 4],
     creep: f64,
     /// Weight between the secant (0) and the tangent (1) of force over slip in the linearisation. The step is of second
@@ -68,11 +69,11 @@ pub struct Wheels {
 /// Conditions of the wheels during one part of a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Conditions {
-    /// Load, N.
+    /// Load of each wheel, N.
     pub load: [f64; 4],
-    /// Commanded torque, N m.
+    /// Commanded torque of each wheel's motor, N m.
     pub command: [f64; 4],
-    /// Cogging torque, N m.
+    /// Cogging torque of each wheel's motor, N m.
     pub cogging: [f64; 4],
     /// Displacement by the ground per distance rolled, forward and left.
     pub drift: [[f64; 4]; 2],
@@ -96,15 +97,15 @@ pub struct Contact<V> {
 /// Motion of the wheels' hubs: forward and left velocity that each contact point would have without wheel rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct Hub<V> {
-    /// Forward, m/s.
+    /// Forward velocity, m/s.
     pub forward: V,
-    /// Left, m/s.
+    /// Velocity to the left, m/s.
     pub left: V,
 }
 
 impl Wheels {
-    /// Wheels of axle `first` and the axle behind it, from checked constants. The radii were measured under the loads
-    /// `load` (N).
+    /// Wheels of axle `first` and the axle behind it, from checked constants. The configured radii are the radii under
+    /// the loads `load` (N).
     pub fn new(config: &PlantConfig, first: usize, load: [f64; 4]) -> Self {
         let last = (first + 1).min(config.axles() - 1);
         let [a, b] = [config.wheel_radius_m[first], config.wheel_radius_m[last]];
@@ -119,7 +120,7 @@ impl Wheels {
                 (
                     stiffness.map(|c| highest / c),
                     brush.rest_velocity_m_s,
-                    // A tyre that slides now may stick before the step is over.
+                    // Half secant, half tangent, because a tyre that slides may stick before the step is over.
                     0.5,
                 )
             }
@@ -181,7 +182,7 @@ impl Wheels {
         self.meshed[wheel] == 1.0
     }
 
-    /// Sets the radii under these loads, N.
+    /// Sets the rolling radii of the wheels under the loads `load`, N.
     #[inline(always)]
     pub fn update_radii(&mut self, load: &[f64; 4]) {
         if self.softness > 0.0 {
@@ -300,7 +301,7 @@ impl Wheels {
 pub struct Eliminated<V> {
     /// h divided by the wheel's effective inertia.
     gain: V,
-    /// Reduced slope, forward-forward, forward-left, left-left.
+    /// Slope of the tyre force, reduced by the elimination: forward-forward, forward-left, left-left.
     slope: [V; 3],
 }
 

@@ -100,7 +100,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
             plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
-        // Four wheels at no-load speed and both axles at the corresponding speed have 13 J.
+        // Kinetic energy of the robot at the no-load speed of its wheels: 13 J.
         assert!(energy < 60.0, "drive {n}: {energy} J");
         let health = plant.health();
         assert_eq!(health.failures, 0, "drive {n}: {health:?}");
@@ -248,7 +248,8 @@ fn gauges_root_moment_and_shape_agree() {
     assert!((length - 0.42).abs() < 1e-4, "{length}");
 }
 
-/// Compares nodes shared by all gauges with nodes of each single place, also under large bends and forces.
+/// Compares the curvatures computed for all gauges at once with the curvature at each single place, also under large
+/// bends and forces.
 #[test]
 fn prepared_gauge_places_agree_with_single_places() {
     for (drive, allowed) in [(NORMAL, 1e-10), (HARSH, 1e-6)] {

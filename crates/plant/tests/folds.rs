@@ -42,7 +42,7 @@ fn conjugate_points(load: Load) -> usize {
     signs.windows(2).filter(|pair| pair[0] != pair[1]).count()
 }
 
-/// Angles of the chain's joints along the shape of a load, by the midpoint rule.
+/// Angles of the chain's joints on the exact strip under a load, by the midpoint rule.
 fn joints(load: Load, last: f64) -> Vec<f64> {
     let h = 1.0 / LINKS as f64;
     let (mut t, mut x, mut y) = (0.0f64, 0.0, 0.0);
@@ -59,9 +59,9 @@ fn joints(load: Load, last: f64) -> Vec<f64> {
     angles
 }
 
-/// A chain of rigid links with springs at the joints, its end held: force, end moment and number of directions in
-/// which its energy falls. Newton's method on angles and force; the energy's Hessian is tridiagonal, and Sylvester's
-/// law counts the directions by the signs of its pivots and of the constraints' complement.
+/// A chain of rigid links with springs at the joints, its end held: force, end moment and number of directions in which
+/// its energy falls. Newton's method on angles and force; the energy's Hessian is tridiagonal, and Sylvester's law
+/// counts the directions by the signs of its pivots and of the constraints' complement. `None` without convergence.
 fn chain(load: Load, end: [f64; 3]) -> Option<([f64; 3], usize)> {
     let h = 1.0 / LINKS as f64;
     let mut angles = joints(load, end[2]);
@@ -73,7 +73,7 @@ fn chain(load: Load, end: [f64; 3]) -> Option<([f64; 3], usize)> {
             end[0] - 0.5 * h * (1.0 + end[2].cos()),
             end[1] - 0.5 * h * end[2].sin(),
         ];
-        // Pivots, and columns: negative gradient of the energy, gradients of the end.
+        // Pivots of the Hessian, and three columns: negative gradient of the energy, gradients of the end's x and y.
         let (mut pivots, mut columns) = (Vec::new(), Vec::new());
         for i in 1..LINKS {
             let (s, c) = angles[i].sin_cos();
@@ -167,7 +167,7 @@ fn three_lobed_shapes_and_their_stability_match_elastica_and_chain() {
         assert_eq!(falling, falling_of_chain, "{load:?}");
         let curvature = exact.curvature(load, &PLACES);
         let Some((found, stable)) = strip.find(end, &PLACES, &curvature) else {
-            // The fold of the strip lies within 0.4 % of the load.
+            // `find` may fail only near the fold: with 0.4 % less compression it must succeed.
             let less = [load[0], 0.996 * load[1], load[2]];
             let (end, curvature) = (exact.shoot(less).end, exact.curvature(less, &PLACES));
             assert!(strip.find(end, &PLACES, &curvature).is_some(), "{load:?}");
@@ -175,7 +175,7 @@ fn three_lobed_shapes_and_their_stability_match_elastica_and_chain() {
             continue;
         };
         let error = relative(strip.wrench(&found), wrench);
-        // Where the ends nearly meet, the series of nine terms resolves less.
+        // Where the strip's ends nearly meet, the series of nine terms is less accurate.
         let tight = curvature.iter().any(|k| k.abs() > 9.0);
         assert!(
             error < if tight { 1e-2 } else { 4e-3 },

@@ -21,7 +21,7 @@ fn strip() -> Strip {
     Strip::new(LENGTH, BENDING, AXIAL, 0.0)
 }
 
-/// Errors of wrench and gauge curvature, each divided by the largest value of its kind.
+/// Relative errors of wrench and gauge curvature; the flag is true if the plant's strip is stable.
 fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     let end = strip.shoot(load).end;
     let seed = strip.curvature(load, &PLACES);
@@ -54,7 +54,7 @@ impl Sequence {
     }
 }
 
-/// Loads in units of EI/L and EI/L².
+/// Root moment in EI/L and end force in EI/L², converted to SI units.
 fn load([moment, fx, fy]: [f64; 3]) -> Load {
     let unit = BENDING / LENGTH;
     [moment * unit, fx * unit / LENGTH, fy * unit / LENGTH]
@@ -102,7 +102,7 @@ fn buckled_shapes_follow_the_exact_elastica() {
     }
 }
 
-/// Compares force and moments at small deflections with those of a clamped beam.
+/// Compares force and moments at small deflections with the force and moments of a clamped beam.
 #[test]
 fn small_deflections_follow_beam_theory() {
     let strip = strip();
@@ -132,7 +132,7 @@ fn pulled_strip_stretches_like_a_bar() {
     assert!((fx - 100.0).abs() < 1e-6 && fy.abs() < 1e-9 && moment.abs() < 1e-9);
 }
 
-/// Euler: clamped ends buckle at 4π² EI/L². Stability must change there.
+/// By Euler, a straight strip with clamped ends buckles at 4π² EI/L²: its stability must change there.
 #[test]
 fn straight_strip_loses_stability_at_the_euler_load() {
     let strip = strip();
@@ -175,7 +175,7 @@ fn tangent_stiffness_is_symmetric_and_the_derivative_of_the_wrench() {
     }
 }
 
-/// Energy is the integral of the wrench over any path of the end.
+/// Compares the wrench with differences of the energy between neighbouring ends.
 #[test]
 fn wrench_is_the_gradient_of_the_energy() {
     let exact = exact();

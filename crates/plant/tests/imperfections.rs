@@ -17,7 +17,7 @@ fn brush() -> PlantConfig {
     }
 }
 
-/// All imperfections at once, larger than real ones.
+/// Robot with all imperfections, larger than in a real robot.
 fn imperfect_robot() -> PlantConfig {
     PlantConfig {
         friction: 0.6,
@@ -44,7 +44,7 @@ fn imperfect_robot() -> PlantConfig {
     }
 }
 
-/// Brush tyre, and a strip that is straight when unloaded.
+/// Robot with brush tyres and a strip that is straight when unloaded.
 fn straight() -> PlantConfig {
     PlantConfig {
         natural_slope_rad: 0.0,
@@ -74,7 +74,8 @@ fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
     }
 }
 
-/// Rolls down a slope with the motors off. An accelerometer reads the acceleration minus gravity along the floor.
+/// The robot rolls down a slope with its motors off. An accelerometer reads the acceleration minus gravity along the
+/// floor.
 #[test]
 fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     let config = PlantConfig {
@@ -168,7 +169,7 @@ fn bent_robot_at_rest_stays_bent_on_brush_tyres() {
 fn energy_never_grows() {
     let config = PlantConfig {
         cogging_torque_n_m: 0.0,
-        // The lag of load transfer is no part of the energy balance.
+        // No load transfer: its lag is no part of the energy balance.
         center_of_mass_height_m: 0.0,
         ..imperfect_robot()
     };
@@ -264,7 +265,8 @@ fn payloads_load_the_wheels_by_the_lever_rule() {
         ..brush()
     };
     let load = [0, 1].map(|i| build(&config).axles()[i].load);
-    // The payload's weight is shared by the axles, and across the track: a quarter on the right wheel.
+    // Both axles share the payload's weight. The payload is half way to the left wheel: the right wheel bears a
+    // quarter.
     let ahead = 2.0 * 0.185 / 0.4;
     let front = 4.76 + ahead;
     let rear = 5.36 + 2.0 - ahead;
@@ -346,7 +348,7 @@ fn side_slip_and_carpet_drift_are_shares_of_the_distance() {
             let (s, c) = heading.sin_cos();
             [x - c * rolled, y - s * rolled].map(|way| way / rolled.abs())
         });
-        // Carpet drift fades below 0.05 rad/s of wheel speed, so a little of it is missing after the start.
+        // Carpet drift fades below 0.05 rad/s of wheel speed, so a little drift is missing after the start.
         assert!((x - u - 0.006).abs() < 1e-4, "{heading} {}", x - u);
         assert!((y - v + 0.003).abs() < 1e-4, "{heading} {}", y - v);
     }
@@ -418,7 +420,7 @@ fn reversed_motor_crosses_its_backlash() {
     let expected = 1e3 * (2.0 * backlash * 0.003 / torque).sqrt();
     let late = f64::from(crossing) - expected;
     assert!(late.abs() < 2.5, "{crossing} {expected}");
-    // Then motor and wheel turn together, on the other flank.
+    // After the backlash, motor and wheel turn together on the other flank.
     run(&mut plant, 300, [[-torque; 2]; 2]);
     assert!((gap(&plant) + 0.5 * backlash).abs() < 1e-9);
 }
@@ -485,7 +487,7 @@ fn mean_of_the_cogging_is_zero() {
     assert!((axle.torque[0] - 0.1).abs() < 0.005);
 }
 
-/// Compares both codes also during snap-through and stick-slip.
+/// Compares vector and portable code, also during snap-through and stick-slip.
 #[test]
 fn vector_and_portable_code_agree_to_the_bit() {
     let soft = PlantConfig {

@@ -3,7 +3,10 @@
 use crate::entry::{LeadEntry, TruthEntry};
 use crate::schema::Schema;
 use host_sim::run::end::RunEnd;
+use host_sim::run::final_error::FinalError;
+use host_sim::run::regulate::Outcome;
 use host_sim::run::robot::Record;
+use host_sim::scenario::variant::Variant;
 use output::files::{Cell, Csv};
 
 /// Row of a table: values with the names of their columns.
@@ -45,6 +48,11 @@ impl<'a> CsvRow<'a> {
         self.put("duration_s", &[end.duration_s]);
     }
 
+    /// Cells of the row with the names of their columns.
+    pub fn into_cells(self) -> Vec<(&'a str, Cell)> {
+        self.0
+    }
+
     /// Makes a table of these rows.
     pub fn table(rows: impl IntoIterator<Item = Self>) -> Csv {
         let mut rows = rows.into_iter().peekable();
@@ -53,6 +61,29 @@ impl<'a> CsvRow<'a> {
         rows.for_each(|Self(row)| csv.row(row.into_iter().map(|(_, cell)| cell)));
         csv
     }
+}
+
+/// Row of a trial of posture regulation to `goal` (m, m, rad): sensors and fusion, end, final errors.
+pub fn of_trial(
+    variant: &Variant,
+    trial: usize,
+    outcome: &Outcome,
+    goal: [f64; 3],
+) -> CsvRow<'static> {
+    let error = FinalError::of(outcome.midpoint, goal);
+    let [dx, dy, _] = outcome.relative_error;
+    let mut row = CsvRow::default();
+    row.put("rps imu", &[variant.rps, variant.imu]);
+    row.put("fusion", &[variant.fusion()]);
+    row.put("trial", &[trial]);
+    row.end(&outcome.end);
+    row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
+    row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
+    row.put("within_tolerance", &[outcome.within]);
+    row.put("force_rms_n", &[outcome.force_rms_n]);
+    row.put("beam_share", &[outcome.beam_share]);
+    row.put("nees drift_m", &[outcome.nees, libm::hypot(dx, dy)]);
+    row
 }
 
 /// Table of ends of runs, one per row.
@@ -64,28 +95,51 @@ pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
     }))
 }
 
-/// Table of records: time, then the fields of the topics `/truth` and `/lead` under their paths in a log. Ticks and
-/// times of the topics are left out, because each row has one time.
-pub fn of_records(records: &[Record]) -> Csv {
+/// Columns of [`RecordRows::cells`]: time, then the fields of the topics `/truth` and `/lead` under their paths in a log.
+/// Ticks and times of the topics are left out, because each row has one time.
+pub fn record_columns() -> Vec<String> {
+    let time = std::iter::once("time_s".to_owned());
+    time.chain(record_names().into_iter().flatten()).collect()
+}
+
+/// Names of the fields of both topics; `None` for ticks and times.
+fn record_names() -> Vec<Option<String>> {
     const TIMES: [&str; 3] = ["time_s", "tick", "epoch_s"];
-    let names = |topic: &str, schema: &Schema| -> Vec<Option<String>> {
+    let names = |topic: &'static str, schema: &Schema| {
         let columns = schema.columns().into_iter();
-        let own = columns.map(|name| (!TIMES.contains(&name.as_str())).then_some(name));
-        own.map(|name| Some(format!("{topic}.{}", name?))).collect()
+        columns
+            .map(move |name| (!TIMES.contains(&name.as_str())).then(|| format!("{topic}.{name}")))
     };
-    let names = [
-        names("truth", &TruthEntry::SCHEMA),
-        names("lead", &LeadEntry::SCHEMA),
-    ]
-    .concat();
-    let own = names.iter().flatten().map(String::as_str);
-    let mut csv = Csv::new(std::iter::once("time_s").chain(own));
-    for record in records {
+    let truth = names("truth", &TruthEntry::SCHEMA);
+    truth.chain(names("lead", &LeadEntry::SCHEMA)).collect()
+}
+
+/// Converts records to rows of [`record_columns`].
+pub struct RecordRows(Vec<bool>);
+
+impl Default for RecordRows {
+    fn default() -> Self {
+        Self(record_names().iter().map(Option::is_some).collect())
+    }
+}
+
+impl RecordRows {
+    /// Cells of a record.
+    pub fn cells(&self, record: &Record) -> impl Iterator<Item = Cell> {
         let truth = TruthEntry::from(record).cells();
         let lead = LeadEntry::new(0, record.time_s, &record.lead).cells();
-        let cells = truth.into_iter().chain(lead).zip(&names);
-        let own = cells.filter_map(|(cell, name)| name.as_ref().map(|_| cell));
-        csv.row(std::iter::once(Cell::from(record.time_s)).chain(own));
+        let cells = truth.into_iter().chain(lead).zip(&self.0);
+        let own = cells.filter_map(|(cell, own)| own.then_some(cell));
+        std::iter::once(Cell::from(record.time_s)).chain(own)
+    }
+}
+
+/// Table of records.
+pub fn of_records(records: &[Record]) -> Csv {
+    let mut csv = Csv::new(record_columns());
+    let rows = RecordRows::default();
+    for record in records {
+        csv.row(rows.cells(record));
     }
     csv
 }
@@ -101,10 +155,10 @@ mod tests {
         let record = Record::without_truth(0, Topology::PAIR, lead::Output::default());
         let text = of_records(&[record.clone(), record]).into_bytes();
         let mut reader = ::csv::Reader::from_reader(text.as_slice());
-        // Time; in `/truth` 12 values of postures and 20 of lists; in `/lead` 5 words, 36 values of estimates and 11
-        // others.
+        // 85 columns: the time; 12 of postures and 20 of lists from `/truth`; 5 of words, 36 of estimates and 11 of
+        // other values from `/lead`.
         assert_eq!(reader.headers().unwrap().len(), 85);
-        // The reader rejects rows of another length.
+        // The reader rejects a row whose length differs from that of the header.
         assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
     }
 }

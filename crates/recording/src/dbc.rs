@@ -95,7 +95,7 @@ pub fn plain(comment: &str) -> String {
         .trim()
         .replace('"', "'")
         .replace(['`', '[', ']'], "");
-    // These paths of rustdoc links are removed.
+    // Targets of rustdoc links; plain text omits them.
     let paths = [
         ("(crate::safety::Condition)", ""),
         ("(super::layout::schema)", ""),

@@ -1,6 +1,6 @@
 //! Messages of a log, written by the recorder and read by replay.
 //!
-//! Everything that replay needs is stored exactly. Numbers of the boards (`f32`) are written as the equal `f64`,
+//! Everything that replay needs is stored exactly. Values of the boards (`f32`) are written as the equal `f64`,
 //! whose shortest decimal reads back unchanged. Structures are also stored as postcard bytes in hexadecimal, as on
 //! the serial link.
 
@@ -26,7 +26,7 @@ pub const END: &str = "cfmmr.end";
 /// Version of the log's format; it changes with every change of a message.
 pub const FORMAT: &str = "3";
 
-/// Number of the boards; NaN and infinities are written as their bits, `"0x7fc00000"`.
+/// Single-precision value of a board. NaN and infinities are written as their bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Exact(pub f32);
 
@@ -336,7 +336,7 @@ impl From<Pose> for [f64; 3] {
     }
 }
 
-/// A posture with its covariance.
+/// Estimated posture with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimated {
     /// Estimated posture.
@@ -356,8 +356,8 @@ impl From<&Estimate> for Estimated {
 }
 
 impl LeadEntry {
-    /// Entry of an output that arrived at `tick`, with estimates valid at `epoch_s`, s. The field `bits` stays empty;
-    /// only a log has it.
+    /// Log entry for an output of the lead node that arrived at `tick`, with estimates valid at `epoch_s`, s. The field
+    /// `bits` stays empty; only a log has it.
     pub fn new(tick: u32, epoch_s: f64, output: &lead::Output) -> Self {
         let lead::Output { fused, motion, .. } = output;
         let supervision = &output.supervision;

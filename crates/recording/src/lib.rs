@@ -2,8 +2,8 @@
 //! tables, or for live viewers.
 //!
 //! A [`Session`] is one recording. [`Session::tap`] wraps each board in a recorder. As an [`Observer`], the session
-//! takes the true state of a simulated robot once per epoch. A thread (`writer`) writes the notes; `Mcap` in
-//! `log/file.rs` writes the rows of a log. [`topics`] is the table of topics, [`entry`] declares the messages,
+//! takes the true state of a simulated robot once per epoch. A thread (`writer`) writes the recording; `Mcap` in
+//! `log/file.rs` writes the messages of a log. [`topics`] is the table of topics, [`entry`] declares the messages,
 //! [`log::read`] reads a log.
 //!
 //! Times count from the start of the run, in a log in nanoseconds. A simulated run gives identical bytes every time.
@@ -114,7 +114,7 @@ pub struct About<'a> {
     pub scenario: &'a Scenario,
 }
 
-/// Failure of writing a log.
+/// Error for a log that could not be written.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }
@@ -123,7 +123,7 @@ fn failed(error: impl std::fmt::Display) -> Error {
 #[derive(Clone)]
 pub struct Session {
     writer: Arc<Mutex<Writer>>,
-    /// Starts a recording; `None` if no destination is given.
+    /// Common time of the boards at the start of the run, µs; empty until it is known.
     zero: Arc<OnceLock<i64>>,
 }
 
@@ -171,7 +171,7 @@ impl Session {
         }
     }
 
-    /// Waits for a viewer if the run is served and no line was recorded yet; an error if `interrupt` is set meanwhile.
+    /// Waits for a viewer if the run is served and no event was recorded yet; an error if `interrupt` is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),
@@ -193,7 +193,7 @@ impl Session {
         u32::try_from(i64::from(tick) + zero / 1000).unwrap_or_default()
     }
 
-    /// Passes a line to the writer.
+    /// Passes an event of the recording to the writer.
     fn note(&self, line: Line) {
         self.writer().take(Note::Line(line));
     }
@@ -286,7 +286,7 @@ enum Line {
     },
     /// Output of the lead node at a tick.
     Lead(u32, Box<lead::Output>),
-    /// Role of a board and its image.
+    /// Role of a board, and the build of the image that the board runs.
     Board(Role, String),
     /// A tick of an axle board.
     Axle(Role, AxleTick),
@@ -295,7 +295,7 @@ enum Line {
 }
 
 impl Line {
-    /// Line of a board's tick.
+    /// Event of a tick of an axle or beam board.
     fn of_tick(
         role: Role,
         (tick, samples): (u32, &Samples),

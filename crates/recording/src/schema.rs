@@ -47,7 +47,7 @@ pub struct Field {
 /// Schema of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Schema {
-    /// Name; Foxglove's messages are encoded as protobuf, those of this project as JSON.
+    /// Name of the schema. A message with a Foxglove schema is encoded as protobuf, a message of this project as JSON.
     pub name: &'static str,
     /// Description of the message.
     pub text: &'static str,
@@ -78,7 +78,7 @@ impl<T: Logged> Logged for Option<T> {
     }
 }
 
-/// Declares the kind of each type and its cells in a table.
+/// Declares for Rust types their kind in a schema and their cells in a table.
 macro_rules! kinds {
     ($($kind:expr => $type:ty, $value:ident: $cells:expr;)*) => {$(
         impl $crate::schema::Logged for $type {
@@ -128,7 +128,7 @@ macro_rules! messages {
 
 pub(super) use {kinds, messages};
 
-/// JSON schema of a list of `count` items; of any length without a count.
+/// JSON schema of a list of `count` items; of a list of any length if `count` is `None`.
 fn list(items: &Value, count: Option<usize>) -> Value {
     let mut schema = json!({ "type": "array", "items": items });
     if let Some(count) = count {
@@ -149,8 +149,8 @@ fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
 }
 
 impl Kind {
-    /// Suffixes of a field's columns, as in the path of a value in a log. Bytes, frames and lists of variable length
-    /// have no columns.
+    /// Suffixes that give the names of the columns when appended to the field's name, such as `.x_m`; an empty list for
+    /// bytes, frames and lists of variable length, which have no columns.
     pub fn columns(self) -> Vec<String> {
         let numbered = |n: usize| (0..n).map(|i| format!("[{i}]")).collect();
         let pose = [".x_m", ".y_m", ".phi_rad"].map(str::to_owned).to_vec();

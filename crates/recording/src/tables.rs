@@ -82,7 +82,7 @@ impl Tables {
         matches!(self.destination, TableDestination::Folder(_))
     }
 
-    /// Adds a line of the recording.
+    /// Adds an event of the recording.
     pub(super) fn note(&mut self, line: &Line) {
         match line {
             Line::Zero(zero) => self.zero = *zero,

@@ -22,7 +22,7 @@ pub struct Tap {
     encoded: bool,
     /// Tick whose reply is awaited, ms, and its samples.
     begun: Option<(u32, Samples)>,
-    /// Tick after the latest, ms.
+    /// Next tick of the board, ms.
     next: u32,
     received: Vec<Can>,
     sent: Vec<CanFrame>,

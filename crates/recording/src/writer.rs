@@ -10,14 +10,14 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Notes per batch; each batch wakes the writer thread.
+/// Number of items of a recording per batch; each batch wakes the writer thread.
 const BATCH: usize = 256;
 /// Number of batches that the queue holds.
 const WAITING: usize = 32;
 
 /// Item of a recording.
 pub(super) enum Note {
-    /// Line of the recording.
+    /// Event of the recording.
     Line(Line),
     /// True state at the end of an epoch.
     Epoch(Box<Record>),
@@ -97,7 +97,8 @@ enum WriterState {
     Closed,
 }
 
-/// Writes notes in order. If dropped before it is closed, it completes the files as they are.
+/// Writes the items of a recording in order. A writer that is dropped before it is closed completes the files as they
+/// are.
 pub(super) struct Writer {
     state: WriterState,
     /// True once the start of a thread was tried.

@@ -1,6 +1,6 @@
 //! A board behind a link, as a target of the simulation.
 //!
-//! One request at a time, repeated until its reply arrives; see [`core_algos::link`].
+//! The host sends one request at a time and repeats the request until its reply arrives; see [`core_algos::link`].
 
 use crate::link::Link;
 use crate::unanswered::Unanswered;
@@ -26,14 +26,15 @@ use std::time::{Duration, Instant};
 
 /// Time after which a request is repeated; much longer than any reply takes.
 const REPEAT_AFTER: Duration = Duration::from_millis(250);
-/// Times a request is sent before the board counts as lost.
+/// Number of times that a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
-/// Attempts where a user waits: 1.5 s in total.
+/// Number of times that a request is sent where a user waits; the attempts take 1.5 s in total.
 const INTERACTIVE_ATTEMPTS: u32 = 6;
-/// Number of late replies to earlier requests that are skipped.
+/// Limit of the number of late replies to earlier requests that are skipped after a hello.
 const MAX_STALE_REPLIES: u32 = 4;
-/// Ticks per epoch, and the tick of an epoch in which the lead node runs.
+/// Number of ticks per epoch.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
+/// Tick of an epoch in which the lead node runs.
 const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
 /// A board at the other end of a link.
@@ -446,7 +447,7 @@ impl Target for Remote {
     }
 }
 
-/// Output of the lead node, if complete.
+/// Output of the lead node; `None` while parts of the output are missing.
 pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
     let (length, bytes) = telemetry.split_first_chunk()?;
     let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
@@ -466,7 +467,7 @@ pub(super) struct RequestChannel {
     reply_bytes: u64,
     /// Bytes received since the latest request.
     unmatched: Unanswered,
-    /// Times a request is sent before the board counts as lost.
+    /// Number of times that a request is sent before the board counts as lost.
     attempts: u32,
     /// True if the latest request is a hello.
     is_hello: bool,
@@ -490,12 +491,12 @@ impl RequestChannel {
         }
     }
 
-    /// Sends a request with the next number; returns the number of bytes.
+    /// Sends a request with the next request number; returns the number of bytes sent.
     pub(super) fn send_request(&mut self, request: &Request) -> Result<usize, Fault> {
         self.number = self.number.wrapping_add(1);
         self.sent_frame = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
-        // Frame delimiters first, so that an unfinished earlier frame does not spoil the hello.
+        // A hello starts with frame delimiters, so that an unfinished earlier frame does not spoil the hello.
         self.is_hello = matches!(request, Request::Hello { .. });
         let bytes = match self.is_hello {
             true => self.sent_frame.repeated(),
@@ -506,7 +507,8 @@ impl RequestChannel {
         Ok(bytes.len())
     }
 
-    /// A hello starts with frame delimiters, so that an unfinished earlier frame does not spoil the hello.
+    /// Waits for the reply to the latest request and repeats the request as needed. An error if no reply arrives or if
+    /// the link echoes the hello.
     pub(super) fn receive_reply(&mut self) -> Result<Reply<'_>, Fault> {
         self.reply_bytes = 0;
         self.unmatched = Unanswered::to(self.sent_frame.bytes());
@@ -519,7 +521,8 @@ impl RequestChannel {
             }
             let deadline = Instant::now() + REPEAT_AFTER;
             if self.await_reply(deadline)? {
-                // Replies to other requests may equal the request.
+                // Only a hello is checked for an echo, because a correct reply to another request may equal that
+                // request.
                 if self.is_hello && self.unmatched.is_echo() {
                     return Err(Fault::Silent(self.unmatched.to_string()));
                 }
@@ -539,7 +542,7 @@ impl RequestChannel {
         )))
     }
 
-    /// Waits for the reply; false if the deadline passed.
+    /// Waits for the reply until `deadline`; false if no reply arrives.
     fn await_reply(&mut self, deadline: Instant) -> Result<bool, Fault> {
         let mut buffer = [0; 2 * MAX_FRAME];
         loop {
@@ -568,7 +571,7 @@ fn link_fault(error: std::io::Error) -> Fault {
     use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
     match error.kind() {
         UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
-        // A virtual board did what no board may do.
+        // A virtual board reports a finding of its program or a failure of the simulation as `Other`.
         Other => Fault::Fatal(Error::Failure(error.to_string())),
         _ => Fault::Silent(error.to_string()),
     }

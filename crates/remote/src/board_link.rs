@@ -1,5 +1,6 @@
-//! Link to one board of a driving robot, over its serial port. It carries bus frames and the record, at the front board
-//! also orders and the lead node's output. A host commands the robot while it holds the lease
+//! Link to one board of a driving robot, over its serial port. The link carries bus frames and the record: inputs and
+//! outputs of each tick of the board's nodes. At the front board the link also carries orders, the numbered commands
+//! of the host, and the lead node's output. A host commands the robot while the host holds the lease
 //! ([`core_algos::link::lease`]).
 //!
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
@@ -30,11 +31,11 @@ const REPEAT_AFTER_US: Micros = 250_000;
 const REPLY_TIMEOUT_US: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
 const RENEW_INTERVAL_US: Micros = TERM / 8;
-/// Number of outputs of the lead node after an order until the free room that they report is current: two older outputs
-/// may still arrive.
+/// Number of outputs of the lead node to await after an order before the free room in an output is current; two older
+/// outputs may still arrive.
 const FRESH_OUTPUTS: u32 = 3;
 
-/// Subject of a request to the board.
+/// Kind of a request to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     /// Renewal of the lease.
@@ -46,7 +47,7 @@ enum Subject {
 }
 
 impl Subject {
-    /// Name of the subject in error messages.
+    /// Name of the request in error messages.
     fn name(self) -> &'static str {
         match self {
             Self::Lease => "lease",
@@ -63,7 +64,7 @@ struct Pending {
     number: u8,
     what: Subject,
     frame: SerialFrame,
-    /// Time of the latest transmission, µs.
+    /// Time of the latest transmission, µs; `None` before the first.
     sent: Option<Micros>,
     /// Time since which the reply is missing, µs; a newer speed command takes over the time of the command that it
     /// replaces.
@@ -103,10 +104,10 @@ pub struct BoardLink {
     waiting: VecDeque<Pending>,
     parts: Vec<u8>,
     latest: Option<Telemetry>,
-    /// Outputs since the latest reply to an order.
+    /// Number of outputs of the lead node since the latest reply to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
-    /// Encoded configuration of the nodes as received so far, and the record that starts with it.
+    /// Configuration of the nodes, encoded, as received so far. Once complete, the configuration starts `record`.
     config: Vec<u8>,
     record: Option<BoardRecord>,
     denied: bool,
@@ -120,7 +121,7 @@ pub struct BoardLink {
     answered: u32,
     lost: u16,
     build: String,
-    /// Random number that identifies this host in its lease; below, number of its latest order.
+    /// Random number that identifies this host in its lease; below, sequence number of the host's latest order.
     owner: u16,
     sequence: Sequence,
     /// Time of the latest order or renewal sent, µs; `Some(None)` before the first is sent, `None` without the lease.
@@ -129,7 +130,7 @@ pub struct BoardLink {
 }
 
 impl BoardLink {
-    /// A link for a host with this number for its lease.
+    /// Creates a link for a host that identifies itself by `owner` in its lease.
     pub fn new(robot: Topology, role: Role, owner: u16) -> Self {
         Self {
             robot,
@@ -273,7 +274,7 @@ impl BoardLink {
         );
     }
 
-    /// Requests the board's identity and watches the board.
+    /// Requests the board's identity, and its reports from then on.
     pub fn watch(&mut self) {
         let hello = Request::Hello {
             protocol: PROTOCOL,
@@ -291,7 +292,7 @@ impl BoardLink {
             (pending.sent, pending.since) = (None, None);
         }
         if self.lease_renewed.is_some() && self.waiting.is_empty() {
-            // This request renews the lease before it lapses.
+            // No order is waiting, so a request of its own renews the lease before the lease lapses.
             let stamp = self.stamp();
             self.queue_request(Subject::Lease, &Request::Keep(stamp));
         }
@@ -410,12 +411,12 @@ impl BoardLink {
         self.reports
     }
 
-    /// Bus frames and events lost because the board had no room.
+    /// Number of bus frames and events that the board dropped for lack of room.
     pub fn lost(&self) -> u16 {
         self.lost
     }
 
-    /// Damaged frames at the port.
+    /// Number of damaged frames received at the port.
     pub fn damaged(&self) -> u32 {
         self.decoder.counters().damaged
     }
@@ -522,7 +523,8 @@ impl BoardLink {
                         "{name} board: it is in a session of another program, which ends after 60 s of silence"
                     )));
                 }
-                // The board counts requests since its start.
+                // The board counts requests since its start, so a count below that of the answered requests shows a
+                // restart.
                 if counters.received < self.answered {
                     return Err(restarted(name));
                 }

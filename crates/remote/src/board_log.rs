@@ -60,7 +60,7 @@ impl BoardLog {
         text.push('\n');
     }
 
-    /// Decodes the log that a board with this image writes, until its end. Repeats warnings and errors on standard
+    /// Decodes the log of a board that runs this image, until the log ends. Repeats warnings and errors on standard
     /// error.
     #[cfg(feature = "board-logs")]
     pub fn follow(

@@ -1,4 +1,4 @@
-//! Images of the boards, built from this workspace or read from files.
+//! Firmware images of the boards, built from this workspace or read from files.
 
 use core_algos::link::framing::crc32c;
 use core_algos::topology::Role;
@@ -16,18 +16,19 @@ use std::time::{Duration, Instant};
 use twox_hash::XxHash3_64;
 use virtual_board::image::Image;
 
-/// Rust target of the boards' images.
+/// Rust target of the firmware images.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Environment variables that name the image files of axle boards and beam board.
+/// Environment variables that name the firmware files of the axle boards and of the beam board.
 const AXLE_IMAGE: &str = "CFMMR_AXLE_IMAGE";
 const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
 
-/// Duration of a build after which it is reported; below, polling interval.
+/// Duration of a build, after which the program reports that a build is running.
 const LONG_BUILD: Duration = Duration::from_secs(3);
+/// Polling interval while a build is running.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Cargo profile of the images.
+/// Cargo profile of the firmware images.
 const PROFILE: &str = "image";
 
 /// Builds a package's image if it is out of date, and returns the bytes of the ELF file. A lock keeps two runs from
@@ -48,7 +49,7 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     // A relative folder is relative to the working directory of cargo.
     let target = workspace.join(target);
     let lock = target.join("images.lock");
-    // The folder of builds is missing if the program was built into another folder.
+    // Cargo has not created the target folder yet if this program was built into another folder.
     let held = fs::create_dir_all(&target)
         .and_then(|()| File::create(&lock))
         .and_then(|file| file.lock().map(|()| file));
@@ -95,7 +96,7 @@ fn await_build(mut child: Child, package: &str) -> io::Result<ExitStatus> {
     }
 }
 
-/// Images of the axle boards and the beam board.
+/// Firmware images of the axle boards and the beam board.
 #[derive(Clone)]
 pub struct Images {
     axle: Arc<Image>,
@@ -130,7 +131,7 @@ impl Images {
             axle.or(axle_file.as_deref().map(Path::new)),
             beam.or(beam_file.as_deref().map(Path::new)),
         );
-        // Files first, so that a wrong file is reported before a build starts.
+        // Files are read first, so that a wrong file is reported before a build starts.
         let files = [(axle, "firmware-axle"), (beam, "firmware-beam")];
         let [axle, beam] =
             files.map(|(file, package)| file.map(|file| given((file, package))).transpose());
@@ -141,14 +142,14 @@ impl Images {
         })
     }
 
-    /// Name of a board's image: checksum of the flashed bytes (CRC-32C).
+    /// Name of a board's firmware image, with the checksum of the flashed bytes (CRC-32C).
     pub fn name(&self, role: Role) -> String {
         let segments = self.of(role).segments().iter();
         let bytes: Vec<u8> = segments.flat_map(|segment| segment.data.clone()).collect();
         format!("virtual, image {:08x}", crc32c(&bytes))
     }
 
-    /// Image of a board.
+    /// Firmware image of a board.
     pub fn of(&self, role: Role) -> &Image {
         match role {
             Role::Axle(_) => &self.axle,

@@ -60,11 +60,11 @@ pub trait Link: Send {
     }
 }
 
-/// Sectors of a board's store, as on the chip.
+/// Number of flash sectors of a board's parameter store, as on the chip.
 const SECTORS: usize = 3;
 const SECTOR: usize = 16 * 1024;
 
-/// A board in this process behind encoded frames, with its store in a simulated flash.
+/// Board in this process, connected by encoded frames, with its parameter store in a simulated flash.
 pub struct Loopback {
     identity: Identity,
     sim_link: Option<SimLink>,

@@ -66,7 +66,7 @@ impl Reader {
         let mut bytes = Vec::new();
         self.rtt.poll(board.chip().sram(), &mut bytes);
         if let (false, Some(to)) = (bytes.is_empty(), &self.to) {
-            // A decoder that has ended takes no bytes.
+            // The send fails if the decoder has ended; later bytes are then lost.
             let _ = to.send(bytes);
         }
     }

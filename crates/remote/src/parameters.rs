@@ -13,13 +13,13 @@ use output::terminal::note;
 /// One parameter of a board, with its value and the source of the value.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardParameter {
-    /// Row of the parameter table.
+    /// Name, unit and range of the parameter, from the parameter table.
     pub parameter: &'static Parameter,
-    /// Present value on the board.
+    /// Present value of the parameter on the board.
     pub value: f32,
     /// Source of the value at the start of the board or at its latest save.
     pub source: Source,
-    /// True if the board has this value after a reset.
+    /// True if the board still has this value after a reset.
     pub saved: bool,
 }
 

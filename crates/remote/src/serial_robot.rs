@@ -29,24 +29,25 @@ use std::time::{Duration, Instant};
 
 /// Time without a report from the board after which its port is opened again, µs.
 const REOPEN_AFTER_US: Micros = 1_000_000;
-/// Time between attempts to open the port, µs; below, time without a report after which the run ends, µs.
+/// Time between attempts to open the port, µs.
 const REOPEN_INTERVAL_US: Micros = 100_000;
+/// Time without a report from the board after which the run ends, µs.
 const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
 const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
 /// Time after which the lease of an earlier program has lapsed.
 const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
-/// Longest time for a reporting board to fulfil a request, ms.
+/// Timeout of a request to a board that sends reports, ms.
 const WAIT_MS: u64 = 11_000;
 
-/// Longest time for recorded boards to restart their nodes, ms.
+/// Timeout for the boards to restart their nodes and to start their records, ms.
 const RECORD_MS: u64 = 5000;
 
 /// Opens the port of the front board.
 pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
 
-/// Another board, recorded through its own port.
+/// Board other than the front board, recorded through its own port.
 pub struct OtherBoard {
     /// None once the port has closed.
     port: Option<Box<dyn Link>>,
@@ -109,10 +110,11 @@ pub struct SerialRobot {
     /// Common time of the boards at the start of the run, µs; None until known.
     zero: Option<i64>,
     began: Instant,
-    /// Ticks since the program opened the port; below, tick at which the run started.
+    /// Number of ticks since the program opened the port.
     tick: u64,
+    /// Tick at which the run started, counted as `tick`.
     start: u64,
-    /// Times of the latest report and of the latest opening of the port, µs.
+    /// Time of the latest report, µs; below, time of the latest attempt to open the port, µs.
     last_report: Micros,
     opened: Micros,
     /// Bytes received since the latest report.
@@ -128,8 +130,8 @@ pub struct SerialRobot {
 }
 
 impl SerialRobot {
-    /// Opens a robot at rest, at `place` or at its own estimate, and waits for the first output of its lead node. If
-    /// the robot is recorded, its nodes restart.
+    /// Opens a robot at rest and waits for the first output of its lead node. The robot's posture is set to `place`, or
+    /// remains its own estimate if `None`. If the robot is recorded, its nodes restart.
     pub fn open(
         topology: Topology,
         mut connect: Connect,
@@ -176,7 +178,7 @@ impl SerialRobot {
         let port = self.port.as_ref().and_then(|port| port.second());
         let mut frames = self.link.motors_off();
         interrupt::set_last_action(move || {
-            // Several frames, in case one is lost.
+            // Several frames are sent, in case one is lost.
             for _ in 0..3 {
                 let frame = frames();
                 let _ = port
@@ -187,7 +189,7 @@ impl SerialRobot {
         });
     }
 
-    /// Requests reports and sets the robot's place, if given; waits for both.
+    /// Requests reports and sets the robot's posture to `place`, if given; waits until both are done.
     fn await_lead(&mut self, place: Option<Placement>) -> Result<(), Error> {
         match place {
             Some(place) => {
@@ -221,7 +223,7 @@ impl SerialRobot {
         Ok(())
     }
 
-    /// Restarts the nodes, at `place` or at the robot's estimate, and waits until all boards are recorded.
+    /// Restarts the nodes with the posture `place` or the robot's estimate, and waits until all boards are recorded.
     fn begin_record(
         &mut self,
         place: Option<Placement>,
@@ -249,7 +251,7 @@ impl SerialRobot {
             other.link.open();
             other.link.record();
         }
-        // The lead node's place is set after the axle nodes have restarted.
+        // The lead node's posture is set after the axle nodes have restarted.
         self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
@@ -285,7 +287,7 @@ impl SerialRobot {
         Ok(())
     }
 
-    /// True if no node of a board is starting.
+    /// True if no node of any board is starting.
     fn is_ready(&self) -> bool {
         let ready = |node| {
             let latest = self.monitor.latest(node);
@@ -337,7 +339,7 @@ impl SerialRobot {
         self.link.build()
     }
 
-    /// Bus frames and events lost because the front board had no room.
+    /// Number of bus frames and events that the front board dropped for lack of room.
     pub fn lost(&self) -> u16 {
         self.link.lost()
     }
@@ -369,7 +371,7 @@ impl SerialRobot {
             return Ok(());
         }
         self.opened = now;
-        // The last action holds the former port.
+        // The last action would send its frames to the closed port.
         interrupt::clear_last_action();
         if let Ok(port) = (self.connect)() {
             self.port = Some(port);
@@ -495,8 +497,8 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        // The notice also follows a speed command that is not renewed, so it counts only for tasks that end by
-        // themselves.
+        // The node also gives notice `CommanderSilent` if a speed command is not renewed, so the notice counts only for
+        // tasks that end by themselves.
         let ends_itself = matches!(
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
@@ -539,14 +541,14 @@ impl Robot for SerialRobot {
         None
     }
 
-    /// Stops the robot and ends the lease; once.
+    /// Stops the robot and ends the lease; a second call does nothing.
     fn stop(&mut self) -> Result<(), Error> {
-        // A board with another protocol would reject the requests.
+        // A board whose build is unknown may use another protocol and would reject the requests.
         if self.closed || self.link.build().is_empty() {
             return Ok(());
         }
         self.closed = true;
-        // The other boards take no part in the stop.
+        // The host stops the robot over the front board's port only.
         self.others.clear();
         let stopped = self.bring_to_rest().and_then(|()| {
             self.link.release();

@@ -7,12 +7,12 @@ use std::fmt;
 pub struct Unanswered {
     request: Vec<u8>,
     count: usize,
-    /// The first bytes, at most as many as the request has.
+    /// First received bytes, at most as many as the request has.
     first: Vec<u8>,
 }
 
 impl Unanswered {
-    /// No bytes received after this request.
+    /// Starts the diagnosis of a request to which no bytes were received yet.
     pub fn to(request: &[u8]) -> Self {
         Self {
             request: without_delimiters(request).to_owned(),
@@ -36,7 +36,7 @@ impl Unanswered {
         self.count == 0
     }
 
-    /// True if the first bytes are the request itself.
+    /// True if the first received bytes are the request itself.
     pub fn is_echo(&self) -> bool {
         !self.request.is_empty() && self.first == self.request
     }

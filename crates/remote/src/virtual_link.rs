@@ -22,14 +22,15 @@ use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::finding::FindingKind;
 
-/// Pins: strap of the rear board, nSLEEP of the motor drivers.
+/// Pin of the strap that marks the rear board.
 const STRAP: Pin = Pin::new('C', 13);
+/// Pin that wakes the motor drivers (nSLEEP).
 const NSLEEP: Pin = Pin::new('C', 4);
 /// Time that the board runs between two checks of its output, ns.
 const SLICE_NS: u64 = 200_000;
 /// Timeout of a request, ns.
 const REQUEST_TIMEOUT_NS: u64 = 250_000_000;
-/// Offset of the store in the flash.
+/// Offset of the parameter store in the flash, bytes.
 const STORE: usize = 16 << 10;
 
 /// Circuit of the board: a serial adapter and, on a rear board, the strap.
@@ -38,7 +39,7 @@ struct Port {
     rear: bool,
     strap_set: bool,
     line: SerialLine,
-    /// True if the motor drivers were woken.
+    /// True if the board has woken the motor drivers.
     woken: bool,
 }
 
@@ -132,7 +133,7 @@ impl ThreadedBoard {
         port.ok_or_else(|| io::Error::other("the board has no port"))
     }
 
-    /// Writes the store to its file if the store has changed.
+    /// Writes the parameter store to its file if the store has changed.
     fn save_store(&mut self) -> io::Result<()> {
         let Some(file) = &self.file else {
             return Ok(());
@@ -152,14 +153,15 @@ pub struct VirtualLink {
     on: bool,
     commands: Option<Sender<ThreadCommand>>,
     replies: Receiver<io::Result<Vec<u8>>>,
-    /// Exchanges whose reply was not yet read.
+    /// Number of exchanges whose reply was not yet read.
     waiting: usize,
     rest: VecDeque<u8>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl VirtualLink {
-    /// Switches a board on. Its log goes to `log`; its store is in the file `flash`, or in memory without one.
+    /// Switches a board on. Its log goes to `log`. Its parameter store is in the file `flash`, or in memory if `flash`
+    /// is `None`.
     pub fn start(
         images: &Images,
         role: Role,
@@ -193,7 +195,7 @@ impl VirtualLink {
         let (to, replies) = channel();
         let thread = thread::spawn(move || {
             for command in from {
-                // A link being dropped takes no reply.
+                // The send fails once the link is being dropped; the thread then ends.
                 if let Some(reply) = threaded.execute(command)
                     && to.send(reply).is_err()
                 {
@@ -264,7 +266,7 @@ impl Drop for VirtualLink {
     fn drop(&mut self) {
         self.commands = None;
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread is ignored.
+            // A panic of the thread is ignored, because `drop` cannot return an error.
             let _ = thread.join();
         }
     }

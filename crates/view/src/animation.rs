@@ -9,7 +9,7 @@ use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 use std::fmt::Write;
 
-/// Width and height of the picture, in its units.
+/// Width of the picture, in units of the SVG; below, height.
 const WIDTH: f64 = 800.0;
 const HEIGHT: f64 = 420.0;
 /// Height of the titles above the panels.
@@ -18,9 +18,9 @@ const TITLE: f64 = 52.0;
 const LEGEND: f64 = 26.0;
 /// Margin around the paths, m.
 const MARGIN_M: f64 = 0.32;
-/// Time of the run between two positions that are drawn, s.
+/// Simulated time between two drawn positions, s.
 const STEP_S: f64 = 0.2;
-/// Seconds of the run per second of the picture.
+/// Simulated seconds per second of the animation.
 const SPEED: f64 = 2.0;
 /// Time for which the picture shows the end of the runs, s.
 const HOLD_S: f64 = 3.0;
@@ -234,7 +234,7 @@ fn panel(text: &mut String, panel: &Panel, [left, width]: [f64; 2]) {
     text.push_str("</svg>\n");
 }
 
-/// An axle with its wheels, which moves.
+/// Draws an axle with its wheels, moving along the records.
 fn axle_of(text: &mut String, panel: &Panel, records: &[&Record], axle: usize) {
     let scale = panel.map.scale;
     let [d, r] = [panel.body.half_track_m, panel.body.wheel_radius_m].map(|it| it * scale);
@@ -261,7 +261,7 @@ fn axle_of(text: &mut String, panel: &Panel, records: &[&Record], axle: usize) {
     moving(text, panel, &postures, &shape);
 }
 
-/// The estimate: its 95 % ellipse, and a cross with the heading.
+/// Draws the moving estimate: its 95 % ellipse, and a cross with the heading.
 fn estimate(text: &mut String, panel: &Panel, records: &[&Record]) {
     let postures = records.iter().map(|record| {
         let p = record.lead.fused.robot.posture;
@@ -321,7 +321,7 @@ fn ellipse(record: &Record, scale: f64) -> ([f64; 2], f64) {
     ([axis(mean + half), axis(mean - half)], angle)
 }
 
-/// A shape around the origin at each of the postures.
+/// Draws `shape`, which is given around the origin, moving through the postures.
 fn moving(text: &mut String, panel: &Panel, postures: &[[f64; 3]], shape: &str) {
     let place = |[x, y, _]: &[f64; 3]| {
         let [u, v] = panel.map.at([*x, *y]);

@@ -257,7 +257,8 @@ pub struct ErrorsColumn {
     pub measured: Option<[f64; 3]>,
 }
 
-/// One of the three errors: axis label, unit of the caption, caption units per unit of the curve, and value.
+/// Axis of one of the three errors: label, unit in the caption, factor from the curve's unit to the caption's unit, and
+/// value.
 struct ErrorAxis {
     label: &'static str,
     unit: &'static str,
@@ -441,9 +442,9 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
 pub struct StartMark {
     /// Start posture of O.
     pub posture: [f64; 3],
-    /// Value that the colour shows if the run ended within the tolerance.
+    /// Value shown as the colour of the mark if the run ended within the tolerance.
     pub value: f64,
-    /// Verdict of the run.
+    /// Verdict of the run from this start.
     pub end: Verdict,
 }
 
@@ -473,14 +474,15 @@ fn count_of(starts: &[StartMark], end: Verdict) -> usize {
     starts.iter().filter(|start| start.end == end).count()
 }
 
-/// Panel of starts: posture, verdict, and value by colour. `room` scales the marks with their number.
+/// Panel of start postures, each with its verdict and its value as colour. `room` sets the size of the marks: their
+/// radius is `room` divided by the square root of the number of starts, within limits.
 fn starts_panel(
     starts: &[StartMark],
     limits: [f64; 2],
     room: f64,
     (goal_at, tolerance): ([f64; 3], [f64; 2]),
 ) -> Panel {
-    // Marks shrink with their number, so that thousands still leave white space.
+    // Marks shrink as the number of starts grows, so that thousands of marks still leave white space.
     let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
     let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
     for end in Verdict::ALL {

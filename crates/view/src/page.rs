@@ -18,16 +18,18 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 const PAGE: &str = include_str!("page.html");
-/// Placeholder of the data; below, placeholders of the colours for a light and a dark page.
+/// Placeholder of the data in the template.
 const DATA: &str = "/*DATA*/";
+/// Placeholder of the colours for a light page.
 const LIGHT: &str = "/*LIGHT*/";
+/// Placeholder of the colours for a dark page.
 const DARK: &str = "/*DARK*/";
 /// Name of the report file.
 pub const FILE: &str = "report.html";
 
-/// Largest number of samples per run.
+/// Upper limit of the number of samples per run.
 const MOST_SAMPLES: usize = 3_000;
-/// Samples per second, unless that exceeds [`MOST_SAMPLES`].
+/// Samples per second; fewer if the run would exceed [`MOST_SAMPLES`].
 const SAMPLES_PER_S: f64 = 50.0;
 
 /// A number rounded to this many decimal places.
@@ -61,7 +63,7 @@ pub type MidpointError = [f64; 2];
 pub struct Run<'a> {
     /// Title of the page.
     pub title: String,
-    /// Name of the run among several.
+    /// Name that distinguishes the run from other runs of the page.
     pub name: String,
     /// Goal posture; `None` without a goal.
     pub goal: Option<[f64; 3]>,
@@ -84,7 +86,7 @@ pub struct Run<'a> {
 #[derive(Serialize)]
 struct Series {
     name: String,
-    /// CSS variable of the colour and the dash.
+    /// Name of the CSS variable of the curve's colour; the variable of the dash adds `-dash`.
     look: String,
     data: Vec<Rounded<4>>,
 }
@@ -190,7 +192,7 @@ impl Run<'_> {
             let series = numbered(&strains[..gauges], &strain);
             plot("Strains, from the rear end on", "µm/m", series)
         }));
-        // The truth of a real robot is unknown.
+        // The true state of a real robot is unknown, so its curves are left out.
         for plot in &mut plots {
             let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
             plot.series.retain(known);
@@ -209,7 +211,7 @@ impl Run<'_> {
             let values = records.iter().map(value);
             values.map(coordinates).collect()
         };
-        // Points of the frames relative to the midpoint, from the rear on.
+        // Points of the frames relative to the midpoint, from the rear frame to the front frame.
         let frame = |record: &Record| -> Vec<Coordinate> {
             let [x, y, _] = record.midpoint;
             let points = record.frames.iter().rev().flat_map(|frame| &frame.points);
@@ -301,7 +303,7 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
         },
         "runs": runs.iter().map(Run::json).collect::<Vec<_>>(),
     });
-    // Escape tags, so that the data cannot end the element that contains them.
+    // Tags are escaped, so that the data cannot end the HTML element that contains them.
     let data = data
         .to_string()
         .replace("</", "<\\/")

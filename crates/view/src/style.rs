@@ -118,7 +118,7 @@ impl Mark {
 pub struct Appearance {
     /// Name of the CSS variable on the report page.
     pub name: &'static str,
-    /// Colour, width and pattern of the line, the colour for a light page.
+    /// Width and pattern of the line, and its colour on a light page.
     pub stroke: Stroke,
     /// Colour of the line on a dark page.
     pub dark: Rgb,
@@ -188,7 +188,7 @@ pub const BAND: Appearance = appearance(
 /// Appearance of values that the paper prints for its robot.
 pub const PAPER: Appearance = appearance("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Appearances of all kinds.
+/// Appearance of each kind of object.
 pub const TABLE: [Appearance; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn lines_of_one_picture_differ_in_grayscale() {
-        // Kinds that appear together in one panel.
+        // Each list holds kinds that appear together in one panel.
         for kinds in [
             &[TRUTH, ESTIMATE, REFERENCE][..],
             &[TRUTH, OUTSIDE, FAILURE],

@@ -15,7 +15,7 @@ use virtual_board::image::Image;
 const SYST_CVR: u32 = 0xe000_e018;
 /// Start value of SysTick, which counts down.
 const RELOAD: u64 = 0x00ff_ffff;
-/// Thousandths of a tick in 128 ns at 168 MHz.
+/// Thousandths of a tick for each instruction or cycle, which then counts as 128 ns of a SysTick at 168 MHz.
 const MILLITICKS: u64 = 21_504;
 
 /// Destination register of the load instruction at `pc`; `None` if another instruction is there.

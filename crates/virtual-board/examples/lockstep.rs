@@ -1,10 +1,10 @@
 //! The core's side of `crates/virtual-board/oracle/lockstep.py`: executes requested cases and reports the results.
 //!
-//! The program first writes the 4096 bytes of flash that it uses itself. A request on standard input, in little-endian
-//! words: address of the code, its length in bytes, and the code; length of the data in bytes, and the data, which are
-//! stored at [`DATA`] before each case; address at which a case ends, or 0 for one instruction; number of cases; and
-//! for each case its [`WORDS`] words: r0 to r14, APSR, FPSCR, s0 to s31. The answer for each case: 0 if the case
-//! reached its end, number of executed instructions, program counter, the words, the data.
+//! The program first sends the first 4096 bytes of its flash, which contain its own vectors and code. A request on
+//! standard input, in little-endian words: address of the code, its length in bytes, and the code; length of the data
+//! in bytes, and the data, which are stored at [`DATA`] before each case; address at which a case ends, or 0 for one
+//! instruction; number of cases; and for each case its [`WORDS`] words: r0 to r14, APSR, FPSCR, s0 to s31. The answer
+//! for each case: 0 if the case reached its end, number of executed instructions, program counter, the words, the data.
 
 mod flat;
 
@@ -15,7 +15,7 @@ use virtual_board::core::{Core, Stop};
 
 /// Address of the data.
 const DATA: u32 = 0x2000_4000;
-/// Offset in the flash of the core's own code.
+/// Offset in the flash of the code that prepares the core.
 const OWN: usize = 0x400;
 
 /// Sets registers and executes a case; true if the case reached its end.
@@ -41,7 +41,7 @@ fn bytes(input: &mut impl Read) -> io::Result<Vec<u8>> {
 
 fn serve(input: &mut impl Read, output: &mut impl Write) -> io::Result<()> {
     let mut flat = Flat::default();
-    // Filled with NOPs, so that every branch target has an instruction.
+    // NOPs fill the flash, so that every branch target has an instruction.
     flat.flash
         .iter_mut()
         .zip([0x00, 0xbf].into_iter().cycle())

@@ -1,7 +1,7 @@
 //! The core's side of `crates/virtual-board/oracle/stretches.py`: executes stretches of an image, `stretches IMAGE`. A
 //! stretch is a sequence of instructions from a given address and state.
 //!
-//! The program first writes the whole flash. The first request on standard input, in little-endian words, occurs once:
+//! The program first sends the whole flash. The first request on standard input, in little-endian words, occurs once:
 //! number of code ranges, then start and end of each. Then batches follow: the bytes of SRAM and core-coupled memory;
 //! number of stretches; and for each stretch its start address, the maximum number of instructions and its [`WORDS`]
 //! words. The answer for each stretch: number of instructions, number of instructions that an IT block skipped, program
@@ -21,7 +21,7 @@ use std::path::Path;
 use virtual_board::core::{Core, Stop};
 use virtual_board::image::Image;
 
-/// Offset in the flash of the core's own code, behind any image.
+/// Offset in the flash of the code that prepares the core, behind any image.
 const OWN: usize = 0xf_f000;
 
 struct Stretches {
@@ -78,9 +78,9 @@ impl Stretches {
         let first = self.half(offset);
         let base = self.core.register(usize::from(first & 15).min(14));
         match first {
-            // Breakpoints, supervisor calls, YIELD, WFE, WFI, SEV.
+            // A stretch ends before a breakpoint, a supervisor call, YIELD, WFE, WFI or SEV.
             0xbe00..=0xbeff | 0xdf00..=0xdfff | 0xbf10 | 0xbf20 | 0xbf30 | 0xbf40 => Sort::Ends,
-            // BASEPRI and BASEPRI_MAX have 4 bits in an STM32F405 (PM0214, 2.1.3) and 8 in Unicorn.
+            // A write of low bits of BASEPRI cannot be compared: Unicorn has 8 bits, an STM32F405 4 (PM0214, 2.1.3).
             0xf380..=0xf38f
                 if matches!(self.half(offset + 2) & 0xff, 0x11 | 0x12) && base & 15 != 0 =>
             {
@@ -102,10 +102,10 @@ impl Stretches {
         }
     }
 
-    /// Executes up to `max_instructions` instructions. Returns the number of comparable instructions, how many of them
-    /// an IT block skipped, and true if no further instruction was executed.
+    /// Executes up to `max_instructions` instructions. Returns the number of instructions up to the latest one after
+    /// which a stretch may end, how many of them an IT block skipped, and true if none was executed afterwards.
     fn attempt(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> ([u32; 2], bool) {
-        // Masks and exclusive monitor are reset.
+        // The restart clears the masks and the exclusive monitor, which a previous stretch may have set.
         restart(&mut self.core, &mut self.flat);
         set_state(&mut self.core, words);
         self.core.set_register(15, begin);
@@ -135,8 +135,8 @@ impl Stretches {
         (good, good[0] == max_instructions)
     }
 
-    /// Executes a stretch. If the first attempt executes instructions that cannot be compared, the memories are
-    /// restored and a shorter attempt follows.
+    /// Executes a stretch. If an attempt executes instructions after the last one at which the stretch may end, the
+    /// memories are restored and a shorter attempt follows.
     fn stretch(&mut self, begin: u32, max_instructions: u32, words: &[u32]) -> [u32; 2] {
         let before = (self.flat.sram.clone(), self.flat.ccm.clone());
         let (mut good, mut exact) = self.attempt(begin, max_instructions, words);

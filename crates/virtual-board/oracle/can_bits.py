@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Compares the crate's CAN frames, bit for bit, with what others make of them.
+"""Compares the crate's CAN frames, bit for bit, with those of other implementations.
 
     cargo run -q --release -p virtual-board --example can_frames | can_bits.py [--sigrok DECODERS]
 
-Reads lines of the example can_frames. Each frame goes through three routes that share no code with
-the crate and none with each other:
+Reads lines of the example can_frames. Three checks of each frame share no code with the crate or with
+each other:
 
-- python-can's Message says whether the frame is a lawful one and holds its fields; the field sequence of
-  the CAN specification 2.0 is put together from it, with the checksum of crccheck (CRC-15/CAN, a
-  dependency of cantools) and stuff bits put in; all bits must be equal.
+- python-can's Message validates the fields. The frame of the CAN specification 2.0 is assembled from these
+  fields, with the checksum of crccheck (CRC-15/CAN, a dependency of cantools) and stuff bits. All bits
+  must be equal.
 - The lengths must lie within the bounds of Davis, Burns, Bril and Lukkien (2007). Neither python-can nor
   cantools computes a stuffed length.
-- With --sigrok, or where Debian's package libsigrokdecode4 is installed, the CAN decoder of sigrok takes
-  the bits apart again: fields and data must come back, without a warning. It has no notion of remote
-  frames with a length code and of length codes above 8, which are left out there.
+- With --sigrok, or if Debian's package libsigrokdecode4 is installed, the CAN decoder of sigrok decodes the
+  bits. Fields and data must be equal, without a warning. The decoder does not support remote frames with a
+  length code or length codes above 8; these frames skip this check.
 
 Needs: pip install python-can cantools. Exits 1 at the first difference.
 """
@@ -35,14 +35,14 @@ def binary(value, width):
 
 
 def checksum(bits):
-    """CRC-15/CAN starts from zero: zeros in front, to whole bytes, change nothing."""
+    """CRC-15/CAN of a bit string. The initial value is 0, so leading zeros that fill the first byte change nothing."""
     padded = bits.zfill((len(bits) + 7) // 8 * 8)
     data = int(padded, 2).to_bytes(len(padded) // 8, "big")
     return binary(Crc15Can.calc(data), 15)
 
 
 def stuffed(bits):
-    """After five equal bits, stuff bits among them, another one of the other level."""
+    """Bits with a stuff bit of the opposite level after each five equal bits; stuff bits count, too."""
     out = ""
     for bit in bits:
         out += bit
@@ -63,14 +63,14 @@ def expected(message, code):
 
 
 def bounds(message):
-    """Bits with the intermission, at least and at most."""
+    """Smallest and largest number of bits of a frame with the intermission."""
     bits = 8 * len(message.data)
     fixed, exposed = (67, 54) if message.is_extended_id else (47, 34)
     return bits + fixed, bits + fixed + (exposed + bits - 1) // 4
 
 
 def sigrok_decoder(folder):
-    """The decoder's class, on a stand-in for the library that it runs in."""
+    """sigrok's CAN decoder. A stub replaces the module sigrokdecode that the decoder imports."""
     stand_in = types.ModuleType("sigrokdecode")
     stand_in.Decoder = object
     stand_in.OUTPUT_ANN, stand_in.SRD_CONF_SAMPLERATE = 0, 0
@@ -99,7 +99,7 @@ def sigrok_decoder(folder):
 
 
 def decoded(decoder, bits):
-    """Identifier, length code and data as the decoder says, and its warnings."""
+    """Identifier, length code, data, true if the frame is complete, and warnings, all reported by the decoder."""
     emitted = decoder.decode_bits(bits)
     after = lambda text: int(text.split("0x")[1].rstrip(")"), 16)
     text = lambda kind: [words if isinstance(words, str) else words[0] for k, words in emitted if k == kind]
@@ -107,7 +107,7 @@ def decoded(decoder, bits):
     code = [int(words.split(": ")[1]) for words in text(10)]
     data = [after(words) for words in text(0)]
     ended = bool(text(2))
-    # It takes identifiers from 0x7f0 on for a mistake, which CAN 2.0 does not.
+    # The decoder warns of identifiers from 0x7f0 on, which CAN 2.0 allows.
     warnings = [words for words in text(16) if "Identifier bits" not in words]
     return after(identifiers[0]), code[0], data, ended, warnings
 

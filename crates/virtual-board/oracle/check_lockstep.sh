@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Compares the core of the virtual boards with Unicorn in lockstep: five million instructions at random, every
-# encoding of the images, and stretches of the images themselves; see lockstep.py and stretches.py. Unicorn is
-# put into a virtual environment below target/ if it is not there. Two processes share the work.
+# Compares the core of the virtual boards with Unicorn in lockstep: five million random instructions, every encoding
+# in the images, and sequences of the images' instructions; see lockstep.py and stretches.py. If Unicorn is missing, it
+# is installed into a virtual environment below target/. Two processes share the work.
 set -euo pipefail
 cd "$(dirname "$0")/../../.."
 
 built=target/thumbv7em-none-eabihf
-# The default images, which may have been built with a feature since.
+# The images are built again, because those in target/ may have been built with other features.
 for package in firmware-{axle,beam,bench}; do
   cargo build --locked --quiet --target thumbv7em-none-eabihf --profile image --package "$package"
 done

@@ -1,4 +1,4 @@
-"""The core's side of the comparisons: examples of virtual-board."""
+"""Starts the programs that run the core in a comparison: examples of virtual-board."""
 
 import pathlib
 import subprocess
@@ -8,7 +8,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
 def build(example):
-    """Builds an example and gives its path."""
+    """Builds an example; returns the path of its program."""
     command = ["cargo", "build", "--locked", "--quiet", "--release", "--package", "virtual-board"]
     if subprocess.run(command + ["--example", example], cwd=ROOT).returncode != 0:
         sys.exit(f"the example {example} of virtual-board does not build")
@@ -16,6 +16,6 @@ def build(example):
 
 
 def start(example, *arguments):
-    """Starts it; requests and answers go through its standard input and output."""
+    """Builds and starts an example; requests and answers go through its standard input and output."""
     command = [build(example), *arguments]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

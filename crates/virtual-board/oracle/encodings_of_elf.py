@@ -1,4 +1,4 @@
-"""Instructions that the code of an ELF file contains, found by its mapping symbols."""
+"""Instructions in the code of an ELF file; mapping symbols separate code from data."""
 
 import struct
 
@@ -48,5 +48,5 @@ def instructions(path):
 
 
 def encodings(path):
-    """The set of instructions, each as its bytes."""
+    """The set of different instructions of an ELF file, each as its bytes."""
     return {code for _, code in instructions(path)}

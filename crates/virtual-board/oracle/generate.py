@@ -4,21 +4,21 @@ import struct
 
 import patterns as table
 
-# Bytes of memory that blocks work on, at 0x2000_4000, and where the base registers point to.
+# Length in bytes of the memory from 0x2000_4000 on that blocks access, and the address in the base registers.
 WINDOW = 0x1800
 BASE = 0x2000_4C00
 NOP = b"\x00\xbf" * 4
-# Registers that instructions may change; 7, 10 and 13 hold the base, 6 and 11 a small index.
+# Registers that instructions may change. Registers 7, 10 and 13 hold the base, 6 and 11 a small index.
 FREE = [0, 1, 2, 3, 4, 5, 8, 9, 12, 14]
 FREE_LOW = [0, 1, 2, 3, 4, 5]
 READABLE = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14]
-# In the upper eight: the free ones, less 8.
+# Those of FREE from r8 on, as 3-bit numbers: the register's number less 8.
 FREE_HIGH = [0, 1, 4, 6]
 DEFAULT_FPSCR = 0
 
 
 class Unit:
-    """Code that stays together, with the name it is counted under."""
+    """Instructions that a cut of a block does not separate, and the name under which they are counted."""
 
     def __init__(self, name, code):
         self.name, self.code = name, code
@@ -32,7 +32,7 @@ def halves(*values):
 
 
 def fields(pattern):
-    """Field letter -> bit numbers, highest first."""
+    """Dictionary from each field's letter to its bit numbers, highest first."""
     places = {}
     for k, letter in enumerate(pattern):
         if letter not in "01":
@@ -55,7 +55,7 @@ def choose(rng, letter, width, name):
 
 
 def is_register(letter, width, name):
-    """Fields of a register; in floating point m and n are not."""
+    """True for the field of a core register. Narrower fields m and n belong to floating point."""
     return letter in table.REGISTERS and width >= 3
 
 
@@ -69,7 +69,7 @@ def prepare(rows):
 
 
 def encode(rng, row):
-    """One instruction of a pattern."""
+    """A random instruction of a pattern."""
     name, length, fixed, places, accept = row
     while True:
         values = {}
@@ -97,7 +97,7 @@ MOVING = prepare(table.NARROW_MOVING + table.WIDE_MOVING + table.FLOAT_MOVING)
 
 
 def move_wide(register, value):
-    """MOVW and MOVT."""
+    """MOVW and MOVT that load a value into a register."""
 
     def one(top, imm):
         first = 0xF240 | top << 7 | imm >> 11 & 1 << 0
@@ -107,15 +107,15 @@ def move_wide(register, value):
     return one(0, value & 0xFFFF) + one(1, value >> 16)
 
 
-# Base registers as they were: r10, then r7 and sp from it.
+# Restores the base registers: loads r10, then copies it to r7 and sp.
 RESTORE = move_wide(10, BASE) + halves(0x4657, 0x46D5)
 
 
 def conditional_code(rng):
-    """An instruction for an IT block."""
+    """A random instruction that may stand in an IT block."""
     while True:
         row = rng.choice(STRAIGHT)
-        # After ISB Unicorn forgets that it is in the block; the manual has no such exception (A7.3).
+        # Unicorn executes the rest of an IT block unconditionally after an ISB, unlike the manual (A7.3).
         if "pc" not in row[0] and row[0] not in ("ADR", "LDR literal", "ISB"):
             return encode(rng, row)
 
@@ -138,7 +138,7 @@ def some_code(rng):
 
 
 def branch(rng):
-    """A jump over an instruction."""
+    """A random kind of jump over one instruction."""
     kind = rng.randrange(10)
     skipped = some_code(rng)
     offset = len(skipped)
@@ -158,7 +158,7 @@ def branch(rng):
         register = rng.choice(range(6))
         return Unit("CBZ", halves(op | (offset - 2) // 2 << 3 | register) + skipped)
     if kind == 6:
-        # TBB and TBH with two entries, indexed by a small number that is made 0 or 1.
+        # The table of TBB or TBH has two entries; the index is set to 0 or 1 before.
         half = rng.getrandbits(1)
         register = rng.choice(FREE)
         code = move_wide(register, rng.getrandbits(1))
@@ -168,10 +168,10 @@ def branch(rng):
         code += struct.pack("<2H" if half else "<2B", *entries)
         return Unit("TBH" if half else "TBB", code + skipped)
     if kind == 7:
-        # ADR to what lies behind, then a jump there by BX, BLX or MOV.
+        # ADR loads the address after the skipped instruction; BX, BLX or MOV jumps to it.
         register = rng.choice(FREE_LOW)
         op, name = rng.choice([(0x4700, "BX"), (0x4780, "BLX"), (0x4687, "MOV to pc")])
-        # ADR.W reads the address of itself + 4, aligned to 4.
+        # The base of ADR.W is its own address + 4, rounded down to a multiple of 4.
         adr = halves(0xF20F, register << 8 | (2 + offset + 1))
         code = adr + halves(op | register << 3) + skipped
         return Aligned(name, code)
@@ -204,14 +204,14 @@ def exclusive(rng):
 
 
 def status_code(rng, bits):
-    """VMSR of a random value with these bits."""
+    """Code that writes a random value, restricted to `bits`, to FPSCR."""
     register = rng.choice(FREE)
     value = rng.getrandbits(32) & bits
     return move_wide(register, value) + halves(0xEEE1, register << 12 | 0xA10)
 
 
 def write_status(rng):
-    """VMSR of bits that exist."""
+    """A write of random values to all existing bits of FPSCR."""
     return Unit("VMSR", status_code(rng, 0xF7C0_009F))
 
 
@@ -240,7 +240,7 @@ def unit(rng):
 
 
 def block(rng):
-    """Units of about 60 instructions."""
+    """A random block: a list of 60 units, with NOPs where a unit must be aligned."""
     units, length = [], 0
     for _ in range(60):
         new = unit(rng)
@@ -253,7 +253,7 @@ def block(rng):
 
 
 def names():
-    """Everything that ought to be generated."""
+    """Names of all kinds of instruction that a long run must generate."""
     return {row[0] for row in STRAIGHT + MOVING + TO_NEAREST} | {
         "IT",
         "B cond",
@@ -311,7 +311,7 @@ def single(rng):
     if draw < 0.15:
         return rng.choice(SPECIAL_FLOAT)
     if draw < 0.7:
-        # Exponents near each other, so that sums round and cancel.
+        # The exponents are close together, so that sums round and cancel.
         return rng.getrandbits(1) << 31 | rng.randrange(110, 145) << 23 | rng.getrandbits(23)
     if draw < 0.8:
         return rng.getrandbits(1) << 31 | rng.randrange(0, 30) << 23 | rng.getrandbits(23)
@@ -319,7 +319,7 @@ def single(rng):
 
 
 def status(rng):
-    """FPSCR: half the time as programs have it."""
+    """A random FPSCR; with probability one half a value that is usual in programs."""
     if rng.random() < 0.5:
         return rng.choice([0, 0x10])
     return rng.getrandbits(32) & 0xF7C0_009F
@@ -330,7 +330,7 @@ def flags(rng):
 
 
 class States:
-    """States whose values come from a pool, which takes a quarter of the time of drawing each."""
+    """Random states. Values come from a pool, which is four times as fast as drawing each value."""
 
     def __init__(self, rng):
         self.rng = rng
@@ -347,10 +347,10 @@ class States:
         return [*registers, flags(rng), status(rng), *rng.choices(self.singles, k=32)]
 
     def pointers(self, code, kind):
-        """A state for any one instruction: numbers, pointers, some of each, or one pointer, where
-        the base is."""
+        """A state for one instruction of an image. Core registers by `kind`: 0 random numbers, 1 pointers,
+        2 pointers and small numbers mixed, 3 a pointer in the base register and small numbers elsewhere."""
         rng = self.rng
-        # Unicorn lets these be unaligned; they never are (A3.2.1).
+        # These instructions fault at unaligned addresses (A3.2.1), in Unicorn they do not.
         aligned = code[1] in (0xE8, 0xE9, 0xEC, 0xED) or code[1] >> 4 == 0xC
         middle = 0x2000_6000
         base = code[0] & 15 if len(code) == 4 else struct.unpack("<H", code)[0] >> 3 & 7
@@ -363,13 +363,13 @@ class States:
             else:
                 registers.append(rng.randrange(64) & (~3 if aligned else ~0))
         registers[13] = middle + 4 * rng.randrange(-64, 64)
-        # See TO_NEAREST; to be safe for all.
+        # RMode is 0 for all instructions, because some need it: see TO_NEAREST in patterns.py.
         fpscr = status(rng) & ~0x00C0_0000
         return [*registers, flags(rng), fpscr, *rng.choices(self.singles, k=32)]
 
 
 def leaves_the_block(code):
-    """Instructions that need more than a state: jumps to a register, IT, waits, masks, calls."""
+    """True for an instruction that cannot be compared alone: jump to a register, IT, wait, mask, call."""
     h = struct.unpack_from("<H", code)[0]
     if len(code) == 2:
         return (
@@ -390,7 +390,7 @@ def leaves_the_block(code):
 
 
 def branches(code):
-    """B and BL of 32 bits."""
+    """True for B and BL of 32 bits."""
     if len(code) == 2:
         return False
     h, g = struct.unpack("<2H", code)

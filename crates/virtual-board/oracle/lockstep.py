@@ -3,29 +3,30 @@
 
     crates/virtual-board/oracle/lockstep.py [--instructions N] [--seed N] [ELF ...]
 
-Blocks of random instructions, every encoding that may stand in straight-line code with random
-operands, branches within the block, and IT blocks, run from random registers, flags, floating-point
-modes and memory in the core (`crates/virtual-board/examples/lockstep.rs`) and in Unicorn's Cortex-M4;
-afterwards registers, flags, FPSCR and memory must be equal. A block that differs is cut down to the
-instruction that does. Then every encoding that the images contain, each by itself from several
-states. Exit 1 on any difference.
+Random blocks contain every encoding that may stand in straight-line code with random operands, branches
+within the block, and IT blocks. Each block runs from random registers, flags, floating-point modes and
+memory in the core (`crates/virtual-board/examples/lockstep.rs`) and in Unicorn's Cortex-M4. Afterwards
+registers, flags, FPSCR and memory must be equal. A block with a difference is shortened to find the
+first instruction that differs. Then every encoding in the images runs alone from several states. Exits 1
+on any difference.
 
-Not compared, because Unicorn differs from the manual (ARMv7-M Architecture Reference Manual) or has
-nothing like it:
+Not compared, because Unicorn differs from the manual (ARMv7-M Architecture Reference Manual) or lacks
+the feature:
 
-- fixed point to floating point rounds to nearest whatever FPSCR says (A7.7.229); Unicorn rounds as
-  FPSCR says, so these run with RMode 0;
-- an ISB in an IT block ends nothing (A7.3); Unicorn executes what follows without condition;
-- YIELD is a hint (A7.7.268); Unicorn stops there;
-- LDM, STM, LDRD, STRD, VLDR and VSTR fault at unaligned addresses (A3.2.1); Unicorn's do not, so
-  images' instructions of these sorts get aligned ones (the crate's tests have the faults);
+- conversions from fixed point to floating point with RMode other than 0: they round to nearest whatever
+  FPSCR selects (A7.7.229); Unicorn rounds according to FPSCR;
+- an ISB in an IT block: the block continues (A7.3); Unicorn executes the rest unconditionally;
+- YIELD: a hint (A7.7.268); Unicorn stops there;
+- LDM, STM, LDRD, STRD, VLDR and VSTR of images at unaligned addresses: they fault (A3.2.1), in Unicorn
+  they do not; tests of the crate cover the faults;
 - exceptions and private peripherals.
 
-Unicorn sometimes executes its translation of code that stood at an address before. A block that
-differs runs again, translated anew, up to three times; if then it is equal and the core gives what
-it gave at first, it counts as equal. The number of these is printed.
+Unicorn sometimes executes an outdated translation of code that was at an address before. A block with
+a difference is therefore translated and run again, up to three times. If a repetition is equal and the
+core's result is that of the first run, the block counts as equal. The number of such blocks is printed.
 
-Stretches of the images as they are: stretches.py; both with what they need: check_lockstep.sh.
+stretches.py compares sequences of the images' instructions; check_lockstep.sh installs Unicorn and runs
+both programs.
 
 Unicorn is GPL and runs in a process of its own; it is not linked to anything here.
 """
@@ -52,7 +53,7 @@ FLASH, FLASH_SIZE = 0x0800_0000, 1 << 20
 SRAM, SRAM_SIZE = 0x2000_0000, 0x2_0000
 DATA = 0x2000_4000
 WORDS = 49
-# r0 to r14, flags, FPSCR, s0 to s31.
+# Unicorn's names of the words of a state: r0 to r14, flags, FPSCR, s0 to s31.
 IDS = [arm.UC_ARM_REG_R0 + k for k in range(13)]
 IDS += [arm.UC_ARM_REG_SP, arm.UC_ARM_REG_LR, arm.UC_ARM_REG_XPSR, arm.UC_ARM_REG_FPSCR]
 IDS += [arm.UC_ARM_REG_S0 + k for k in range(32)]
@@ -62,11 +63,11 @@ NAMES = [f"r{k}" for k in range(13)] + ["sp", "lr", "apsr", "fpscr"] + [f"s{k}" 
 
 
 class Ours:
-    """The core."""
+    """The core of virtual-board, in a process of its own."""
 
     def __init__(self):
         self.process = core_side.start("lockstep")
-        # What it put into the flash for itself.
+        # The start of the flash holds the vectors and code that the process itself needs.
         self.flash = self.process.stdout.read(0x1000)
 
     def run(self, address, code, data, end, cases):
@@ -92,7 +93,7 @@ class Theirs:
             unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
         )
         uc.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
-        # The flash is there twice and cannot be written.
+        # The flash is mapped at two addresses and is read-only for the program.
         self.flash = ctypes.create_string_buffer(FLASH_SIZE + 0x1000)
         start = (ctypes.addressof(self.flash) + 0xFFF) & ~0xFFF
         read_only = unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC
@@ -103,12 +104,12 @@ class Theirs:
         uc.mem_map(0x1000_0000, 0x1_0000)
         uc.reg_write(arm.UC_ARM_REG_C1_C0_2, 0x00F0_0000)
         uc.reg_write(arm.UC_ARM_REG_FPEXC, 0x4000_0000)
-        # The binding's calls for many registers are slow: the library's own, on fixed memory.
+        # Unicorn's Python calls for many registers are slow, so its C functions are called, with fixed buffers.
         self.library = unicorn.unicorn_py3.unicorn.uclib
         self.values = (ctypes.c_uint32 * (WORDS + 1))()
         count = WORDS + 1
         self.ids = (ctypes.c_int * count)(*IDS, arm.UC_ARM_REG_PC)
-        # XPSR takes no GE bits when it is written.
+        # A write of Unicorn's XPSR does not set the GE bits; a write of APSR_NZCVQG does.
         write = [arm.UC_ARM_REG_APSR_NZCVQG if k == FLAGS else id for k, id in enumerate(IDS)]
         self.write_ids = (ctypes.c_int * WORDS)(*write)
         step = ctypes.sizeof(ctypes.c_uint32)
@@ -117,7 +118,7 @@ class Theirs:
 
     def run(self, address, code, data, end, cases):
         self.uc.mem_write(address, code)
-        # What it translated for other code that stood there.
+        # Unicorn must discard its translation of the code that was at this address before.
         self.uc.ctl_remove_cache(address, address + len(code))
         results = []
         for case in cases:
@@ -128,7 +129,7 @@ class Theirs:
         return results
 
     def execute(self, begin, end, count, case):
-        """From a state up to an address or so many instructions: error, program counter, words."""
+        """Runs from a state to address `end`, or `count` instructions if not 0: error, program counter, words."""
         handle = self.uc._uch
         self.values[:WORDS] = case
         self.values[FLAGS] |= 1 << 24
@@ -147,9 +148,9 @@ class Theirs:
 
 
 def differences(ours, theirs):
-    """What differs between two results, in words."""
+    """Texts that describe the differences of two results; none if the case cannot be compared."""
     if ours[0] or theirs[0]:
-        # Bit-band aliases and private peripherals are not Unicorn's.
+        # Unicorn has no bit-band aliases and no private peripherals.
         if theirs[0] in (unicorn.UC_ERR_READ_UNMAPPED, unicorn.UC_ERR_WRITE_UNMAPPED):
             return []
         if bool(ours[0]) == bool(theirs[0]):
@@ -169,7 +170,7 @@ def differences(ours, theirs):
 
 
 class Lockstep:
-    """Runs both and keeps count."""
+    """Runs cases in the core and in Unicorn, and counts comparisons and differences."""
 
     def __init__(self, most_shown, verbose):
         self.begin(FLASH_SIZE)
@@ -180,13 +181,13 @@ class Lockstep:
         self.most_shown, self.verbose = most_shown, verbose
 
     def begin(self, size):
-        """Both anew, with this much of the flash for code."""
+        """Starts the core and Unicorn anew; code is placed in the first `size` bytes of the flash."""
         self.ours, self.theirs = Ours(), Theirs()
         self.theirs.uc.mem_write(FLASH, self.ours.flash)
         self.address, self.end = FLASH + 0x1000, FLASH + size - 0x1000
 
     def place(self, length):
-        """An address for code that was not executed before, until the flash is full."""
+        """Address for new code; addresses are used again only when the flash is full."""
         if self.address + length > self.end:
             self.address = FLASH + 0x1000
         address = self.address
@@ -203,7 +204,7 @@ class Lockstep:
         code = b"".join(unit.code for unit in units)
         address = self.place(len(code))
         units = [unit.bound(address) for unit in units]
-        # Branch targets and literals follow the address; a nop ends the block.
+        # The run ends at the first of the NOPs that follow the block.
         ours, theirs = self.both(address, code + generate.NOP, data, address + len(code), cases)
         for one, other, case in zip(ours, theirs, cases):
             self.instructions += one[1]
@@ -220,8 +221,8 @@ class Lockstep:
         return ours[0], theirs[0]
 
     def differs_always(self, address, units, data, case, before):
-        """False if Unicorn ran something that it had translated for other code at the address:
-        anew it agrees, and the core gives what it gave before."""
+        """False if Unicorn had run an outdated translation: a repetition is equal, and the core's result is
+        that of the first run."""
         for _ in range(3):
             texts, words = self.prefix(address, units, data, case)
             if words != before[3]:
@@ -231,7 +232,7 @@ class Lockstep:
         return True
 
     def cut(self, address, units, data, case, whole):
-        """Finds the first unit after which there is a difference."""
+        """Finds and shows the first unit after which the states differ."""
         low, high = 0, len(units)
         while high - low > 1:
             middle = (low + high) // 2
@@ -262,7 +263,7 @@ class Lockstep:
         """Compares one instruction of an image from several states."""
         padded = code + generate.NOP
         if generate.branches(code):
-            # In the middle of the flash, where nothing but nops is around it.
+            # Its target must be executable, so the branch is in the middle of the flash, among NOPs.
             address = FLASH + FLASH_SIZE // 2
         else:
             address = self.place(len(padded))
@@ -282,7 +283,7 @@ class Lockstep:
 
 
 def random_blocks(lockstep, wanted, rng):
-    """Blocks until enough instructions were compared."""
+    """Compares random blocks until `wanted` instructions have run."""
     states = generate.States(rng)
     while lockstep.instructions < wanted:
         units = generate.block(rng)
@@ -292,7 +293,8 @@ def random_blocks(lockstep, wanted, rng):
 
 
 def images(lockstep, paths, rng, part, parts):
-    """Every encoding of a part of those of the images; those that never ran are counted."""
+    """Compares the encodings of the images, or a part of them. Returns the number of all encodings, the number of
+    compared encodings, and those that faulted from every state."""
     codes = set()
     for path in paths:
         codes |= encodings_of_elf.encodings(path)

@@ -1,7 +1,7 @@
 """Encodings of ARMv7E-M with FPv4-SP that may stand in straight-line code, for lockstep.py.
 
-Patterns as the ARMv7-M Architecture Reference Manual prints them: 0 and 1 are fixed, a letter is a
-field. Capital letters are registers that an address comes from.
+Patterns have the form of the ARMv7-M Architecture Reference Manual: 0 and 1 are fixed bits, a letter is a
+bit of a field. B and X are registers that form an address.
 
     d n m a l h   core registers that may be read and written
     B             base of an address, X an index (a small number)
@@ -96,7 +96,7 @@ NARROW = [
     ("SEV", "1011111101000000", None),
 ]
 
-# These move the base or the stack pointer, which is put right afterwards.
+# These instructions change a base register or the stack pointer; generate.py restores the register afterwards.
 NARROW_MOVING = [
     ("ADD sp sp", "101100000iiiiiii", None),
     ("SUB sp sp", "101100001iiiiiii", None),
@@ -244,7 +244,7 @@ def _list_stores(f):
     return not f["i"] & 0xA400 and bin(f["i"]).count("1") >= 2
 
 
-# The base is register 10 and is put right afterwards.
+# The base is register 10, which generate.py restores afterwards.
 WIDE_MOVING = [
     ("LDMIA", "1110100010t11010iiiiiiiiiiiiiiii", _list_is_free),
     ("LDMDB", "1110100100t11010iiiiiiiiiiiiiiii", _list_is_free),
@@ -318,7 +318,7 @@ FLOAT = [
 ]
 
 
-# Unicorn rounds these as FPSCR says; the manual says to nearest (A7.7.229). So only with RMode 0.
+# These conversions round to nearest (A7.7.229). Unicorn rounds according to FPSCR, so they run only with RMode 0.
 TO_NEAREST = [
     ("VCVT from fixed 32", "111011101g11101kffff101011q0jjjj", None),
     ("VCVT from fixed 16", "111011101g11101kffff101001q00jjj", None),

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Compares the core with Unicorn on stretches of images.
+"""Compares the core with Unicorn on stretches of images: instructions in sequence from a random state.
 
     crates/virtual-board/oracle/stretches.py [--most N] [--seed N] ELF ...
 
-Begins at every instruction of an image that no stretch has executed yet, with arbitrary registers,
-flags and memory (numbers, floats and pointers into the memories), and lets the program go where it
-goes, through branches, calls and loops, up to N instructions; it ends earlier where the core's side
-(`crates/virtual-board/examples/stretches.rs`) says. Then the same number of instructions in Unicorn:
-registers, flags, FPSCR and both memories must be equal. Exit 1 on any difference, or if less than
-LEAST of the images' instructions were executed.
+A stretch begins at each instruction of an image that no stretch has executed yet, with random
+registers, flags and memory (numbers, floats and pointers into the memories). The core executes up to N
+instructions, through branches, calls and loops; `crates/virtual-board/examples/stretches.rs` lists what
+ends a stretch earlier. Then Unicorn executes the same number of instructions: registers, flags, FPSCR
+and both memories must be equal. Exits 1 on any difference, or if the share of the images' instructions
+that were executed is below LEAST.
 
-Where Unicorn has no memory, the private peripherals and the bit-band aliases, a stretch ends too, and
-where its stack pointer is no multiple of 4, which the manual's always is (B1.4.1).
+A stretch also ends before an access to private peripherals or bit-band aliases, which Unicorn lacks, and
+where Unicorn's stack pointer is no multiple of 4, although the manual keeps it aligned (B1.4.1).
 """
 
 import argparse
@@ -27,23 +27,23 @@ import lockstep
 import unicorn
 from unicorn import arm_const as arm
 
-# Masks, which outlive a stretch.
+# Mask registers of Unicorn, to be cleared before each stretch.
 MASKS = (arm.UC_ARM_REG_PRIMASK, arm.UC_ARM_REG_BASEPRI, arm.UC_ARM_REG_FAULTMASK)
-# Errors of accesses where Unicorn has no memory.
+# Unicorn's errors for accesses to unmapped memory.
 UNMAPPED = (unicorn.UC_ERR_READ_UNMAPPED, unicorn.UC_ERR_WRITE_UNMAPPED)
-# Memories, and where the addresses of their pointers lie.
+# Length of each memory by its first address.
 SIZES = {lockstep.SRAM: lockstep.SRAM_SIZE, 0x1000_0000: 0x1_0000}
 MEMORIES = sum(SIZES.values())
 BATCH = 64
-# Of the instructions of all images. The others fault from every state that was tried, or need what
-# Unicorn has not.
+# Smallest share of the images' instructions that must be executed. The rest fault from every tried state, or
+# need a feature that Unicorn lacks.
 LEAST = 0.99
-# How often an instruction may be where a stretch begins.
+# Maximum number of stretches that begin at the same instruction.
 TRIES = 3
 
 
 class Ours:
-    """The core, with an image."""
+    """The core of virtual-board with an image, in a process of its own."""
 
     def __init__(self, path, places):
         self.process = core_side.start("stretches", path)
@@ -58,8 +58,8 @@ class Ours:
         self.process.stdin.write(request + b"".join(struct.pack("<2I", *r) for r in ranges))
 
     def run(self, memories, starts):
-        """Instructions, those not skipped, program counter and words of each; memories; bits of what
-        was executed."""
+        """Runs a batch. Returns for each stretch the numbers of instructions and of those not skipped, program
+        counter and words; then both memories, and one bit for each halfword of flash, set if executed."""
         request = memories + struct.pack("<I", len(starts))
         for begin, max_instructions, words in starts:
             request += struct.pack(f"<{2 + lockstep.WORDS}I", begin, max_instructions, *words)
@@ -69,24 +69,24 @@ class Ours:
         for _ in starts:
             answer = self.process.stdout.read(4 * (3 + lockstep.WORDS))
             count, skipped, pc, *words = struct.unpack(f"<{3 + lockstep.WORDS}I", answer)
-            # Unicorn does not count what an IT block skips.
+            # Unicorn does not count the instructions that an IT block skips.
             results.append((count, count - skipped, pc, words))
         read = self.process.stdout.read
         return results, read(MEMORIES), read(lockstep.FLASH_SIZE // 16)
 
 
 def state(rng, pool):
-    """Numbers, floats and pointers in the registers; the stack pointer inside a memory."""
+    """A random state: numbers, floats and pointers in the registers, a stack pointer within SRAM."""
     words = rng.choices(pool, k=lockstep.WORDS)
     words[13] = lockstep.SRAM + 0x1_0000 + 8 * rng.randrange(0x1000)
     words[lockstep.FLAGS] = generate.flags(rng)
-    # See TO_NEAREST of generate.py.
+    # RMode is 0, see TO_NEAREST in patterns.py.
     words[lockstep.FPSCR] = generate.status(rng) & ~0x00C0_0000
     return words
 
 
 def some_words(rng):
-    """What registers and memory may hold."""
+    """Pool of random values for registers and memory."""
     words = [generate.word(rng) for _ in range(2000)] + [generate.single(rng) for _ in range(4000)]
     words += [rng.randrange(256) for _ in range(4000)]
     for base, size in SIZES.items():
@@ -102,8 +102,8 @@ def load(theirs, memories):
 
 
 def compare(ours, theirs, memories, starts):
-    """Runs a batch in both. Shortens a stretch of which Unicorn has not the memory. Gives the
-    instructions, what differs, what was executed, and what the core gave."""
+    """Runs a batch in the core and in Unicorn. Halves a stretch that accesses memory that Unicorn lacks, and repeats
+    the batch. Returns the number of instructions, the differences, the executed halfwords and the core's results."""
     while True:
         results, after, executed = ours.run(memories, starts)
         load(theirs, memories)
@@ -115,7 +115,7 @@ def compare(ours, theirs, memories, starts):
             for mask in MASKS:
                 theirs.uc.reg_write(mask, 0)
             error, their_pc, their_words = theirs.execute(start[0], 0xFFFF_FFFE, steps, start[2])
-            # What comes next is translated, though not executed, and may be no instruction.
+            # An error does not count if the states are equal: Unicorn also translates the next halfwords, perhaps data.
             if (their_pc, their_words) == (pc, words):
                 continue
             if error in UNMAPPED or their_words[13] & 3:
@@ -134,14 +134,15 @@ def compare(ours, theirs, memories, starts):
 
 
 def is_equal_again(ours, theirs, memories, starts, given):
-    """Whether Unicorn agrees when it runs the batch again, and the core gives what it gave before: what
-    Unicorn keeps of its translations is not always right, see lockstep.py."""
+    """True if a repetition of the batch is equal and the core's results are those of the first run: Unicorn
+    sometimes executes an outdated translation, see lockstep.py."""
     _, texts, _, again = compare(ours, theirs, memories, starts)
     return not texts and again == given
 
 
 def cut(ours, theirs, memories, starts):
-    """The first instruction that differs: in the first stretch that does, after those before it."""
+    """Text that names the first instruction with a difference. Stretches before its own are run too, because they
+    change the memory."""
 
     def differ(some):
         return bool(compare(ours, theirs, memories, list(some))[1])
@@ -162,8 +163,8 @@ def cut(ours, theirs, memories, starts):
 
 
 def image(path, max_instructions, rng, show):
-    """Stretches of one image until there is nothing new to begin with; the instructions compared, the
-    image's, those that were executed, and the differences."""
+    """Compares stretches of one image, TRIES times from each instruction not executed before. Returns the numbers of
+    compared instructions, of instructions in the image, of those that were executed, and of differences."""
     places = list(encodings_of_elf.instructions(path))
     ours, theirs = Ours(path, places), lockstep.Theirs()
     theirs.uc.mem_write(lockstep.FLASH, ours.flash)

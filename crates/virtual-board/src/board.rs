@@ -115,7 +115,7 @@ impl Board {
     /// Runs to `time`; the core may be up to an instruction ahead.
     pub fn run_until(&mut self, time: Time) {
         loop {
-            // The length of a cycle may have changed meanwhile.
+            // Computed again in each turn, because the program may have changed the length of a cycle.
             let until = self.chip.cycle_of(time);
             let cycle = self.core.cycles();
             if cycle >= until {
@@ -128,7 +128,7 @@ impl Board {
             }
             if self.chip.is_held() {
                 let next = self.chip.advance(cycle, until);
-                // The core may just have been released.
+                // `advance` may have released the core from reset.
                 if self.chip.is_held() {
                     self.core.add_cycles(next.min(until).max(cycle + 1) - cycle);
                 }
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(board.core().cycles(), board.chip().cycle_of(ms(20)));
         board.hold(false);
         board.run_until(ms(28));
-        // The core continues at the same speed.
+        // `then` and `now` are the core's increments in 8 ms before the hold and in 8 ms after it.
         let (then, now) = (before - first, board.core().register(0) - before);
         assert!(now.abs_diff(then) <= 2, "{then} {now}");
     }

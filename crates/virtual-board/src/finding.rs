@@ -53,9 +53,9 @@ impl FindingKind {
 /// One finding, with its place in the program and its number of occurrences.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// Kind.
+    /// Kind of the finding.
     pub kind: FindingKind,
-    /// Description.
+    /// Description of the program's action, without time and address.
     pub text: String,
     /// Program counter at the first occurrence.
     pub pc: u32,

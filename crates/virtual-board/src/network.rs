@@ -11,7 +11,7 @@ use crate::wire::{Node, VirtualNode, Wire};
 use crate::workers::Workers;
 use std::time::Instant;
 
-/// Number of calls of [`Network::run_until`] after which the slower mode is tried again.
+/// Number of calls of [`Network::run_until`] after which the slower of one and several threads is tried again.
 const TRY_AGAIN: u32 = 200;
 
 /// Boards and their bus.

@@ -41,7 +41,7 @@ impl Noise {
             sum + (bits & LOW) + (bits >> 16 & LOW)
         });
         let sum = (pairs & 0xffff_ffff) + (pairs >> 32);
-        // Mean of one number: (2¹⁶ − 1)/2.
+        // Less the mean of the sum: a 16-bit number has the mean (2¹⁶ − 1)/2, and the sum has twelve.
         (sum as f64 - 6.0 * 65_535.0) * (1.0 / 65_536.0)
     }
 }

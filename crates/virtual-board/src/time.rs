@@ -17,12 +17,12 @@ impl Time {
     /// Later than every other time.
     pub const NEVER: Self = Self(u64::MAX);
 
-    /// Time from microseconds.
+    /// Time of this many microseconds.
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros * 1_000_000)
     }
 
-    /// Time from nanoseconds.
+    /// Time of this many nanoseconds.
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos * 1_000)
     }

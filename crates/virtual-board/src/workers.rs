@@ -36,7 +36,7 @@ struct Shared {
     order: Vec<AtomicUsize>,
     /// End of the quantum, ps.
     until: AtomicU64,
-    /// Number of boards taken in this quantum; larger if workers found none left.
+    /// Number of attempts to take a board in this quantum; exceeds the number of boards if a worker found none left.
     taken: AtomicUsize,
     /// Number of boards that have reached the end of the quantum.
     done: AtomicUsize,

@@ -1,9 +1,9 @@
 //! Both wheel encoders: TIM3 and TIM4 count every edge, in hardware.
 //!
-//! Their inputs are next to bridges that switch at 20 kHz. The input filter accepts a level after eight equal samples
-//! at 84 MHz/32, so a pulse below 2.7 µs never counts and a pulse above 3.1 µs always counts. At 20 rad/s and 8192
-//! counts per turn a level lasts for two counts, 77 µs, and the edges of both channels are 38 µs apart: 25 and 12 times
-//! the delay of the filter. Both channels have the same delay.
+//! The encoder inputs are next to bridges that switch at 20 kHz. The input filter accepts a level after eight equal
+//! samples at 84 MHz/32, so a pulse below 2.7 µs never counts and a pulse above 3.1 µs always counts. At 20 rad/s and
+//! 8192 counts per turn a level lasts for two counts, 77 µs, and the edges of both channels are 38 µs apart: 25 and 12
+//! times the delay of the filter. Both channels have the same delay.
 
 use core_algos::drive::count::Extended;
 use core_algos::topology::Wheels;
@@ -31,7 +31,7 @@ impl Encoders {
         left: (Peri<'static, TIM3>, Peri<'static, PC6>, Peri<'static, PC7>),
         right: (Peri<'static, TIM4>, Peri<'static, PB6>, Peri<'static, PB7>),
     ) -> Self {
-        // Encoders with open collectors need the pull-ups; others work with them too.
+        // Encoders with open collectors need the pull-ups; push-pull encoders also work with pull-ups.
         let mut config = qei::Config::default();
         config.mode = QeiMode::Mode3;
         config.ch1_pull = Pull::Up;
@@ -40,7 +40,7 @@ impl Encoders {
             Qei::new(left.0, left.1, left.2, config),
             Qei::new(right.0, right.1, right.2, config),
         );
-        // The HAL does not set the filter.
+        // The filter is set by registers, because the HAL's driver has no setting for it.
         for timer in [pac::TIM3, pac::TIM4] {
             timer.ccmr_input(0).modify(|w| {
                 for channel in 0..2 {
@@ -60,7 +60,7 @@ impl Encoders {
         }
     }
 
-    /// Counts, forward positive: the right encoder is mounted the other way round.
+    /// Encoder counts, forward positive. The right count is negated, because the right encoder is mounted mirrored.
     pub fn read(&mut self) -> Wheels<i32> {
         let [left, right] = &mut self.counts;
         Wheels {

@@ -80,30 +80,30 @@ pub const SLEEP: usize = 5;
 
 /// Pins and peripherals of the motors.
 pub struct Parts {
-    /// Converter.
+    /// A/D converter of currents, supply and temperature.
     pub adc: Peri<'static, ADC1>,
-    /// Timer.
+    /// PWM timer.
     pub timer: Peri<'static, peripherals::TIM1>,
     /// Enable pins (left, right).
     pub enable: (Peri<'static, PA8>, Peri<'static, PA9>),
     /// Direction pins (left, right).
     pub direction: (Peri<'static, PB14>, Peri<'static, PB15>),
-    /// Sleep pin of both drivers, low: asleep; the drivers' own pull-down holds it in reset.
+    /// Sleep pin of both drivers, low: asleep. During a reset the drivers' pull-downs hold the pin low.
     pub sleep: Peri<'static, PC5>,
     /// Fault pins of the drivers (left, right), low: fault.
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
-    /// Currents (left, right).
+    /// Inputs of the motor currents (left, right).
     pub current: (Peri<'static, PC0>, Peri<'static, PC1>),
-    /// Supply voltage behind its divider.
+    /// Input of the supply voltage, behind a divider.
     pub supply: Peri<'static, PC2>,
-    /// Thermistor between the drivers.
+    /// Input of the thermistor between the drivers.
     pub temperature: Peri<'static, PC3>,
     /// Emergency stop, a contact to ground that opens: high or a broken wire means stop. The timer's
     /// break input.
     pub stop: Peri<'static, PB12>,
     /// Window watchdog of the current loop.
     pub watchdog: Peri<'static, WWDG>,
-    /// Report to the independent watchdog.
+    /// Handle with which the current loop reports to the task watchdog.
     pub check_in: CheckIn,
 }
 
@@ -116,7 +116,7 @@ static TICK_BEGAN: AtomicU32 = AtomicU32::new(0);
 pub struct Motors(());
 
 impl Motors {
-    /// Sets everything up, motors off, and starts the current loop.
+    /// Sets up timer, converter and drivers with the motors off, and starts the current loop.
     pub fn start(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let drive = Drive::new(parts, config)?;
         critical::all(|cs| DRIVE.borrow_ref_mut(cs).replace(drive));
@@ -153,7 +153,7 @@ impl Motors {
     }
 }
 
-/// Data of the interrupt.
+/// Data of the current loop's interrupt.
 struct Drive {
     adc: InjectedAdc<'static, ADC1, 4>,
     direction: [Output<'static>; 2],
@@ -194,8 +194,8 @@ impl Drive {
     fn new(parts: Parts, config: &params::Drive) -> Result<Self, ConfigError> {
         let sleep = Output::new(parts.sleep, Level::Low, Speed::Low);
         let pwm = Pwm::new(parts.timer, parts.enable, parts.stop);
-        // 28 cycles at 21 MHz settle a source of 10 kΩ; four conversions take 7.6 µs, the currents
-        // first: they must not be near an edge.
+        // A source of 10 kΩ settles within 28 cycles at 21 MHz. Four conversions take 7.6 µs. The currents are first,
+        // because they must not be sampled near an edge.
         let time = SampleTime::CYCLES28;
         let adc = Adc::new(parts.adc).setup_injected_conversions(
             [
@@ -247,7 +247,7 @@ impl Drive {
             period: 0,
             began: 0,
             longest: 0,
-            // Last, because from here on the loop must run.
+            // The watchdog starts last, because from then on the current loop must run.
             watchdog: WindowWatchdog::start(parts.watchdog),
         })
     }
@@ -302,7 +302,7 @@ impl Drive {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
-                // A fault that still holds trips again.
+                // If the fault is still present, the next check latches it again.
                 if command.clear {
                     self.fault = None;
                 }
@@ -312,7 +312,7 @@ impl Drive {
         }
     }
 
-    /// Currents, A. While the drivers sleep, unknown zeros are measured.
+    /// Motor currents, A; `None` without a zero or a valid reading. Unknown zeros are measured while the drivers sleep.
     fn currents(&mut self, counts: [u16; 2]) -> [Option<f32>; 2] {
         let asleep = self.awake == 0;
         let mut currents = [None; 2];

@@ -8,10 +8,10 @@ use firmware_common::timing::Every;
 
 use super::tick::AxleReport;
 
-/// Source of the reports.
+/// Receiver of the tick's reports.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, AxleReport, 1>;
 
-/// Logs for ever. The tick reports ten times a second.
+/// Logs new faults at once and every tenth report; the tick sends ten reports a second.
 #[embassy_executor::task]
 pub async fn run(mut reports: Reports) -> ! {
     let mut known = None;

@@ -34,9 +34,9 @@ const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 pub struct AxleReport {
     /// Health of the tick.
     pub health: Health,
-    /// Report of the motors.
+    /// Measurements and faults of the motors.
     pub feedback: Feedback,
-    /// Temperatures of the windings, °C.
+    /// Estimated temperatures of the motor windings (left, right), °C.
     pub winding_c: [f32; 2],
     /// Number of restarts of the nodes since the start.
     pub restarts: u16,
@@ -57,7 +57,7 @@ pub struct Axle {
     pub inertial: Inertial,
     /// Operator's button.
     pub button: Button,
-    /// The nodes.
+    /// Axle node, and lead node on the front board.
     pub nodes: &'static mut Board,
     /// Parts of the user in the lead node.
     pub own: Own,
@@ -200,12 +200,12 @@ impl AxleTick {
             TickStep::Restart(now) => (now, true),
         };
         if begins {
-            // The restarted nodes do not know that they drove; `restarted` reports why the robot stopped.
+            // The restart erases the nodes' own record of driving, so `restarted` reports why the robot stops.
             self.restarted |= self.driving;
             self.axle.nodes.restart();
             self.own.clear();
             common.record_begin(now);
-            // A replay does not have the parts of the user.
+            // A replay has no parts of the user, so it could not reproduce this board's commands.
             let Own {
                 controller,
                 estimator,
@@ -221,7 +221,7 @@ impl AxleTick {
     fn take_orders(&mut self, now: Micros, common: &mut Common) {
         let Axle { button, nodes, .. } = &mut self.axle;
         button.step(now, nodes, &mut common.link);
-        // One tick before the lead node's step, because the lead node has little other work then.
+        // Orders are executed one tick before the lead node's step, in a tick with little other work.
         if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
             common.link.execute_orders(lead);
         }

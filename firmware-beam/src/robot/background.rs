@@ -9,10 +9,10 @@ use firmware_common::watchdog::Extension;
 
 use super::tick::{BeamReport, Saving};
 
-/// Source of the reports.
+/// Receiver of the tick's reports.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, BeamReport, 1>;
 
-/// Runs for ever. The tick reports ten times a second.
+/// Saves a calibration on request and logs every tenth report; the tick sends ten reports a second.
 #[embassy_executor::task]
 pub async fn run(
     mut reports: Reports,

@@ -18,24 +18,24 @@ use converter::{CHANNELS, Converter};
 
 /// Bridges on the strip; the excitation is the last channel of a scan.
 const BRIDGES: usize = CHANNELS - 1;
-/// Count of the nominal excitation: it is the converter's reference, and returns from the strip halved.
+/// Converter count of the nominal excitation, which equals the converter's reference and is halved before the input.
 const EXCITATION: u32 = FULL_SCALE as u32 / 2;
 /// Count of a missing conversion.
 const MISSING: i32 = -1;
 
 /// Pins and peripherals of the bridges.
 pub struct Parts {
-    /// Converter.
+    /// A/D converter.
     pub adc: Peri<'static, ADC1>,
     /// DMA stream of the converter.
     pub dma: Peri<'static, DMA2_CH0>,
     /// Timer of the scans.
     pub timer: Peri<'static, TIM2>,
-    /// Bridges, from the root of the strip.
+    /// Inputs of the bridges, in the order of the gauges from the root of the strip.
     pub bridges: [AnyAdcChannel<'static, ADC1>; BRIDGES],
-    /// Half the excitation, as it arrives at the strip.
+    /// Input of half the excitation, as it arrives at the strip.
     pub excitation: Peri<'static, PA2>,
-    /// Thermistor on the strip.
+    /// Input of the thermistor on the strip.
     pub temperature: Peri<'static, PA3>,
 }
 
@@ -50,14 +50,14 @@ pub struct Block {
     pub excitation: f32,
 }
 
-/// The bridges.
+/// Sampling of the bridges.
 pub struct Bridges {
     converter: Converter,
     thermistor: Thermistor,
 }
 
 impl Bridges {
-    /// Starts sampling.
+    /// Starts sampling the bridges, their excitation and the thermistor.
     pub fn start(parts: Parts, thermistor: Thermistor) -> Self {
         let [a, b, c, d, e] = parts.bridges;
         let scan = [a, b, c, d, e, parts.excitation.degrade_adc()];

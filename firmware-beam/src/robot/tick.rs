@@ -26,7 +26,7 @@ use super::bridges::{Block, Bridges};
 use super::{FRAME, ROLE};
 use crate::rules::Motors;
 
-/// Nominal supply of the board, V; the excitation is measured against it.
+/// Nominal supply of the board, V: the supply reported in health messages if the excitation is nominal.
 const SUPPLY_V: f32 = 3.3;
 
 /// Report for the log.
@@ -51,9 +51,9 @@ type Common = tick_loop::Common<Chip>;
 
 /// Signals between the tick and the store, to save a calibration.
 pub struct Saving {
-    /// Calibration to save.
+    /// From the tick: calibration to save, and the proof that the motors are off.
     pub wanted: Signal<CriticalSectionRawMutex, (calibration::Config, Disarmed)>,
-    /// True if the calibration was saved.
+    /// From the store: true if the calibration was saved.
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 
@@ -63,9 +63,9 @@ pub struct Beam {
     pub bridges: Bridges,
     /// Configuration, with the calibration in use.
     pub config: RobotConfig,
-    /// The node.
+    /// Node of the beam.
     pub node: BeamNode,
-    /// Calibration on request.
+    /// Calibration procedure, which a message starts.
     pub procedure: Procedure,
     /// Signals to and from the store.
     pub saving: &'static Saving,
@@ -200,7 +200,7 @@ impl BeamTick {
         }
     }
 
-    /// Steps the node. A restart of the clock needs no other treatment, because the node stores samples, not times.
+    /// Steps the node. A step of the clock does not restart the node, because the node stores samples, not times.
     fn run_node(&mut self, block: &Block, common: &mut Common) {
         let step = common.sync.step(block.local);
         self.beam.bridges.trim(common.sync.trim());

@@ -2,7 +2,7 @@
 
 use firmware_common::{can, task_watchdog};
 
-/// Tasks that must report for the watchdog to be fed, and how often, µs.
+/// Tasks that must report for the watchdog to be fed, and the longest time between two reports, µs.
 pub const TASKS: [(&str, u64); 2] = [("tick", 10_000), ("bus", can::REPORTS_WITHIN)];
 
 /// Watchdog of these tasks.

@@ -4,13 +4,13 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Largest size of a text file, bytes.
+/// Largest allowed size of a text file, bytes.
 const MAX_TEXT_BYTES: u64 = 8 << 20;
-/// Largest size of a log, bytes.
+/// Largest allowed size of a log, bytes.
 pub const MAX_LOG_BYTES: u64 = 8 << 30;
-/// Largest size of a board image, a flash image or a campaign block, bytes.
+/// Largest allowed size of a board image, a flash image or a campaign block, bytes.
 pub const MAX_DATA_BYTES: u64 = 256 << 20;
-/// Largest size of a waypoint file, bytes.
+/// Largest allowed size of a waypoint file, bytes.
 pub const MAX_WAYPOINTS_BYTES: u64 = 32 << 20;
 
 /// Content of a file of at most `limit` bytes.

@@ -4,16 +4,16 @@ use crate::base::error::Error;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Least similarity of a suggested name, 0 to 1.
+/// Least similarity at which a name is suggested, 0 to 1.
 const MIN_SIMILARITY: f64 = 0.75;
 
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
 
-/// Text after the path of an unknown key.
+/// Text of an error after the path of an unknown key.
 pub const UNKNOWN: &str = ": unknown key";
 
-/// Beginning of a suggestion.
+/// Beginning of a suggestion in an error.
 const DID_YOU_MEAN: &str = "did you mean ";
 
 /// Known name most similar to `word`; `None` if no other name is similar enough.
@@ -40,7 +40,7 @@ pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String 
     suggestion.map_or_else(String::new, |name| format!("; {DID_YOU_MEAN}{name}?"))
 }
 
-/// Replaces the list of expected keys in a TOML error by a suggestion, if one resembles the unknown key.
+/// Replaces the list of expected keys in a TOML error by a suggestion, if an expected key resembles the unknown key.
 pub fn with_sibling(text: String) -> String {
     let parts = text
         .split_once("unknown field `")
@@ -136,7 +136,8 @@ pub fn with_list(text: &str, form: Option<String>) -> String {
     listed.map_or_else(|| text.to_owned(), |listed| listed + &example)
 }
 
-/// Path of the key with the most similar name; of equal names, the most similar path.
+/// Path of the key with the most similar name; of equal names, the most similar path. `None` if no name is similar
+/// enough.
 fn closest(key: &str, defaults: &Table) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let mut all = Vec::new();

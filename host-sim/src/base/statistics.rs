@@ -132,7 +132,7 @@ fn gamma_p(a: f64, x: f64) -> f64 {
         }
         return factor * sum;
     }
-    // Modified Lentz's method.
+    // Continued fraction by the modified Lentz method.
     let mut b = x + 1.0 - a;
     let mut d = 1.0 / b;
     let (mut c, mut fraction, mut k) = (f64::MAX, d, 0.0);
@@ -159,7 +159,7 @@ pub fn chi_square_quantile(probability: f64, degrees: f64) -> f64 {
         low = high;
         high *= 2.0;
     }
-    // Ends at neighbouring floating-point numbers.
+    // The bisection ends at neighbouring floating-point numbers.
     loop {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {

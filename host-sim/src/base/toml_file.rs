@@ -14,9 +14,9 @@ use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-/// Key of the table that holds one of the tables [`LAWS`].
+/// Key of the tyre's table; it holds one table of [`LAWS`].
 const TYRE: &str = "tyre";
-/// Tables of the tyre laws.
+/// Keys of the tables of the tyre laws.
 const LAWS: [&str; 2] = ["creep", "brush"];
 /// Keys of version 0.1 in the table `plant`, each with its replacement.
 const RENAMED: [(&str, &str); 3] = [
@@ -24,9 +24,9 @@ const RENAMED: [(&str, &str); 3] = [
     ("slip_stiffness", "tyre.brush.slip_stiffness"),
     ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
 ];
-/// Largest number of parts of a key on the command line.
+/// Largest allowed number of parts of a key on the command line, such as 3 in `a.b.c`.
 const DEPTH: usize = 16;
-/// Longest text that is searched for the line of too deep nesting, bytes.
+/// Longest text in which the line of too deep nesting is searched, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
 /// Text of a file and its name in errors; the text is empty without a file.
@@ -143,7 +143,8 @@ pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
     Ok(table)
 }
 
-/// Form of the list at `path`: that of the default value. `None` if the default is not a list with entries.
+/// Default value of the list at `path` as text, an example of its form. `None` if the default is not a list with
+/// entries.
 fn form_at(known: &Table, path: &Path) -> Option<String> {
     let mut parts = path.iter();
     let Some(Segment::Map { key }) = parts.next() else {
@@ -153,7 +154,7 @@ fn form_at(known: &Table, path: &Path) -> Option<String> {
     let form = parts.try_fold(first, |value, part| match part {
         Segment::Map { key } => value.get(key),
         Segment::Enum { variant } => value.get(variant),
-        // All entries of a list have one form.
+        // The first entry stands for all: the entries of a list have one form.
         Segment::Seq { .. } => value.get(0),
         Segment::Unknown => None,
     })?;
@@ -174,7 +175,8 @@ fn short(value: &Value) -> String {
     }
 }
 
-/// Full key of an entry whose path ends at an unknown table: the keys written below are appended.
+/// Full key of an entry whose `path` ends at an unknown table: the first key in that table, and in the tables below it,
+/// is appended.
 fn whole_key(mut path: String, written: &Table) -> String {
     let mut value = path
         .split('.')
@@ -186,7 +188,8 @@ fn whole_key(mut path: String, written: &Table) -> String {
     path.chars().take(LONGEST_LINE).collect()
 }
 
-/// Line, from 1, of the entry at `path`, or of the deepest part of `path` that the text has.
+/// Line, from 1, of the entry at `path`, or of the deepest part of `path` that the text contains. `None` if the text
+/// contains no part.
 fn line(text: &str, path: &Path) -> Option<usize> {
     let root = DeValue::Table(DeTable::parse(text).ok()?.into_inner());
     let (mut value, mut start) = (&root, None);
@@ -203,7 +206,7 @@ fn line(text: &str, path: &Path) -> Option<usize> {
     Some(1 + text[..start?].matches('\n').count())
 }
 
-/// Longest line of an error, characters.
+/// Length to which a line of an error is cut, characters.
 const LONGEST_LINE: usize = 400;
 
 /// Input error, with a suggestion for a misspelt key and long lines cut.
@@ -238,7 +241,7 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
 }
 
 /// Path and value of the first number that is not finite. Later range checks miss a given number that a derived value
-/// has replaced.
+/// has replaced. `None` if all numbers are finite.
 fn not_finite(value: &Value) -> Option<(String, f64)> {
     let within = |key: &str, inner: &Value| {
         let (path, number) = not_finite(inner)?;

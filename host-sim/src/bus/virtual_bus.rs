@@ -38,7 +38,7 @@ table! {
 /// Counters of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BusStatistics {
-    /// Messages sent.
+    /// Number of messages sent.
     pub sent: u64,
     /// Messages lost between boards, counted once for each receiving board; on a cut bus, once for each message.
     pub lost: u64,
@@ -93,7 +93,8 @@ impl VirtualBus {
         }
     }
 
-    /// Sends a frame that a board has encoded.
+    /// Sends a frame that a board has encoded. Gives the frame on the bus; `None` if the frame is refused or the bus is
+    /// cut.
     pub fn send_frame(&mut self, now: Micros, frame: &CanFrame) -> Option<CanFrame> {
         match bus::decode(frame) {
             Ok(message) => self.transmit(now, frame, message),
@@ -133,7 +134,7 @@ impl VirtualBus {
         Some(*frame)
     }
 
-    /// True with this probability.
+    /// True with the probability `share`.
     fn happens(&mut self, share: f64) -> bool {
         share > 0.0 && self.rng.random::<f64>() < share
     }
@@ -197,13 +198,13 @@ impl VirtualBus {
         }
     }
 
-    /// Cuts the bus: all messages are lost, also those under way and those within a board.
+    /// Cuts the bus: all messages are lost, also messages under way and messages within a board.
     pub fn cut(&mut self) {
         self.severed = true;
         self.transit.clear();
     }
 
-    /// Counters since the start.
+    /// Counters of the bus since the start.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
     }
@@ -217,7 +218,7 @@ pub fn sender(topology: Topology, frame: &CanFrame) -> Option<Role> {
 
 /// Name of the message with this identifier in the bus description; `None` for an unknown identifier.
 pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
-    /// Names by number of axles.
+    /// Identifiers and names of the messages; the index is the number of axles.
     static NAMES: LazyLock<Vec<Vec<(u16, String)>>> = LazyLock::new(|| {
         let robots = (0..=MAX_AXLES).map(Topology::new);
         let names = |robot| layout::messages(robot).map(|of| (of.id, of.to_string()));

@@ -15,7 +15,7 @@ pub struct Sample {
     pub x: f64,
     /// Position along y, m.
     pub y: f64,
-    /// Direction, rad in (−π, π].
+    /// Direction of the path, rad in (−π, π].
     pub phi: f64,
     /// Curvature, 1/m, positive to the left.
     pub kappa: f64,
@@ -219,7 +219,7 @@ impl Path {
         self.samples.last().map_or(0.0, |last| last.s)
     }
 
-    /// Largest |curvature|, 1/m.
+    /// Largest |curvature| of the path, 1/m.
     pub fn max_curvature(&self) -> f64 {
         self.samples
             .iter()
@@ -324,8 +324,8 @@ impl Path {
         }
     }
 
-    /// Arc length (m) of the point of the path nearest to `(x, y)` (m) among those within
-    /// `window` (m) of arc length `from` (m).
+    /// Arc length (m) of the point of the path nearest to `(x, y)` (m) among the points within `window` (m) of arc
+    /// length `from` (m).
     pub fn nearest(&self, x: f64, y: f64, from: f64, window: f64) -> f64 {
         let first = self.samples.partition_point(|at| at.s < from - window);
         let (mut best, mut least) = (from, f64::INFINITY);

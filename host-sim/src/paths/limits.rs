@@ -44,7 +44,7 @@ pub enum PathError {
         /// Allowed values, in words.
         allowed: &'static str,
     },
-    /// A row that is not a waypoint.
+    /// A row of a CSV file that is not a waypoint.
     Row {
         /// Line in the file, from 1.
         line: u64,
@@ -68,7 +68,7 @@ pub enum PathError {
     Curvature {
         /// Place of the largest curvature.
         place: PathPosition,
-        /// Largest curvature, 1/m.
+        /// Largest curvature of the path, 1/m.
         value: f64,
         /// Limit of the curvature, 1/m.
         bound: f64,
@@ -77,7 +77,7 @@ pub enum PathError {
     SteeringRate {
         /// Place of the largest change.
         place: PathPosition,
-        /// Largest |dψ/ds|, rad/m.
+        /// Largest |dψ/ds| of the path, rad/m.
         value: f64,
         /// Limit of |dψ/ds|, rad/m.
         bound: f64,
@@ -167,9 +167,9 @@ pub struct Bounds {
     pub frame_length_m: f64,
     /// Rigid length at each end of the frame, m.
     pub rigid_end_m: f64,
-    /// Largest steering angle |ψ|, rad.
+    /// Largest allowed steering angle |ψ|, rad.
     pub max_steering_rad: f64,
-    /// Largest steering rate |ψ̇|, rad/s.
+    /// Largest allowed steering rate |ψ̇|, rad/s.
     pub max_steering_rate_rad_s: f64,
     /// Least speed to which the robot slows down for steering, m/s.
     pub min_speed_m_s: f64,
@@ -195,7 +195,7 @@ impl Bounds {
         2.0 * s / c / (self.frame_length_m * sinc + 2.0 * self.rigid_end_m * c)
     }
 
-    /// Largest curvature, 1/m.
+    /// Largest curvature that the frame allows, 1/m.
     pub fn max_curvature(&self) -> f64 {
         self.curvature(self.max_steering_rad)
     }

@@ -20,13 +20,13 @@ pub use limits::{Bounds, PathError, PathPosition, StartFault};
 pub use spline::{Waypoint, waypoints};
 pub use trajectory::{TimeLimits, TimedSample, Trajectory};
 
-/// Distance between samples, m.
+/// Distance between samples of a path, m.
 pub const SPACING_M: f64 = 0.01;
-/// Largest coordinate, m: up to here the robot's single precision resolves a tenth of a millimetre.
+/// Largest allowed coordinate, m: up to this value the robot's single precision resolves a tenth of a millimetre.
 pub const MAX_COORDINATE_M: f64 = 1000.0;
-/// Longest path, m.
+/// Largest allowed length of a path, m.
 pub const MAX_LENGTH_M: f64 = 5000.0;
-/// Least distance between waypoints, m.
+/// Least allowed distance between waypoints, m.
 pub const MIN_SEPARATION_M: f64 = 1e-3;
 /// Names of the built-in paths.
 pub const NAMES: [&str; 3] = ["line", "circle", "figure-eight"];

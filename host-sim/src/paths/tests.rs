@@ -64,7 +64,7 @@ fn built_in_shapes_have_analytic_length_and_curvature() {
 
     let eight = Path::figure_eight(1.2).unwrap();
     assert_consistent(&eight);
-    // Bernoulli: 5.244115 a long, 3/a at the tips, |P − F1| |P − F2| = a²/2.
+    // Lemniscate: length 5.244115 a, curvature 3/a at the tips, product of the distances from the foci a²/2.
     assert!((eight.length() - 5.244_115_108_58 * 1.2).abs() < 1e-8);
     assert!((eight.max_curvature() - 3.0 / 1.2).abs() < 1e-6);
     let focus = 1.2 / 2.0; // a/√2 along each of x and −y
@@ -100,7 +100,7 @@ fn closed_spline_is_smooth_at_its_closure() {
         .collect();
     let path = line_of(&on_circle).unwrap();
     assert!(path.is_closed());
-    // Clockwise round the unit circle; a spline errs by h²/12 in curvature.
+    // The path runs clockwise round the unit circle. The curvature of a spline has an error of h²/12.
     for at in path.samples() {
         assert!((at.kappa + 1.0).abs() < 0.007, "{at:?}");
     }
@@ -117,7 +117,7 @@ fn path_with_excess_curvature_is_refused_with_place_and_value() {
     assert!(error.to_string().starts_with("curvature 3.333 1/m at s = "));
     assert!(error.to_string().ends_with("at most 3.080 1/m"));
 
-    // A corner at the third waypoint.
+    // Path with a right angle at the third waypoint.
     let corner = line_of(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 0.3), (2.0, 2.0)]);
     let PathError::Curvature { place, value, .. } = corner.unwrap().check(&bounds).unwrap_err()
     else {

@@ -11,13 +11,13 @@ const BENDING_S: f64 = 0.8;
 /// Limits of the time law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeLimits {
-    /// Largest speed, m/s.
+    /// Largest allowed speed, m/s.
     pub max_speed_m_s: f64,
-    /// Largest acceleration along the path, m/s².
+    /// Largest allowed acceleration along the path, m/s².
     pub max_acceleration_m_s2: f64,
-    /// Largest steering rate, rad/s.
+    /// Largest allowed steering rate, rad/s.
     pub max_steering_rate_rad_s: f64,
-    /// Largest steering acceleration, rad/s².
+    /// Largest allowed steering acceleration, rad/s².
     pub max_steering_acceleration_rad_s2: f64,
     /// Averaging time of the speed, s: acceleration is continuous, and the jerk is at most twice the largest
     /// acceleration over the averaging time.
@@ -193,7 +193,7 @@ struct MotionState {
 }
 
 struct TimeLaw {
-    /// Start of each piece: time, state, acceleration.
+    /// Pieces of constant acceleration: time and state at the start of the piece, acceleration.
     pieces: Vec<(f64, MotionState, f64)>,
     end: (f64, MotionState),
 }

@@ -77,7 +77,7 @@ impl Trace {
         self.frames.iter().map(|(_, frame)| frame)
     }
 
-    /// Number of ticks.
+    /// Number of recorded ticks.
     pub fn ticks(&self) -> usize {
         self.torques.len() / self.topology.axle_count()
     }
@@ -159,7 +159,7 @@ pub fn show_frame(topology: Topology, frame: &CanFrame) -> String {
     format!("{name} {:02x?}", data.unwrap_or(&frame.data))
 }
 
-/// First differing signal of two outputs of the lead node, with both values.
+/// First differing signal of two outputs of the lead node, with both values; `None` if the outputs are identical.
 pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, String, String)> {
     if bits(a) == bits(b) {
         return None;
@@ -178,7 +178,7 @@ fn bits(output: &lead::Output) -> Vec<u8> {
     }
 }
 
-/// The first leaf in which two values differ, with its path.
+/// First leaf in which two value trees differ: path and both values. `None` if the trees are equal.
 fn divergence(a: &Value, b: &Value) -> Option<(String, String, String)> {
     let below = |key: String, a: &Value, b: &Value| {
         divergence(a, b).map(|(path, a, b)| (format!("{key}{path}"), a, b))
@@ -256,7 +256,7 @@ mod tests {
         let mut other = trace();
         other.torque([[0.0; 2]; 2]);
         assert_eq!(trace().difference(&other).unwrap().tick, 20);
-        // The sign of zero counts.
+        // Zeros of different sign are different.
         let mut other = trace();
         other.torques[0][0] = -0.0;
         assert!(trace().difference(&other).is_some());

@@ -64,8 +64,8 @@ pub fn drive<R: Robot>(
     let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s).max(NOTICE_DELAY_US);
     robot.monitor_mut().begin_task();
-    // Failures end the run only if the run loop gave the task. A drive task handles the failures of tasks that it
-    // gives.
+    // Failures end the run only if the run loop gave the task. A drive task handles the failures of the tasks that it
+    // gives itself.
     let given = drive_task.task().is_some();
     let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);
     let mut cause = None;

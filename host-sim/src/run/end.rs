@@ -57,7 +57,7 @@ impl EndKind {
         Self::Interrupted,
     ];
 
-    /// Name in tables and files.
+    /// Name of the kind in tables and files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Reached => "reached",
@@ -72,7 +72,7 @@ impl EndKind {
         }
     }
 
-    /// Meaning in one line, for a legend.
+    /// Meaning of the kind in one line, for a legend.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Reached => "at rest at the goal, with its 95 % error within the tolerance",
@@ -102,7 +102,7 @@ pub enum Cause {
     Done,
     /// The lead node failed, the robot cannot go on, or the time limit has passed.
     Unfinished,
-    /// The user ended the run, by this option if there is one.
+    /// The user ended the run; holds the command-line option that set its end, if any.
     Interrupted(Option<&'static str>),
     /// The robot does not answer, with the reason.
     NoAnswer(String),
@@ -115,7 +115,7 @@ pub struct RunEnd {
     pub kind: EndKind,
     /// Condition that ended the run, or that qualifies a reached goal.
     pub condition: Option<Condition>,
-    /// Details of the cause.
+    /// Details of the cause of the end, if any.
     pub reason: Option<String>,
     /// Notices and degradations of all nodes since the beginning of the task.
     pub notices: Conditions,
@@ -291,7 +291,7 @@ impl RunEnd {
 }
 
 /// Condition that makes a reached goal uncertain, by the latest heartbeats: the lead node's notice, or a sensor that a
-/// node found inconsistent.
+/// node found inconsistent. `None` if there is neither.
 fn uncertain(robot: &impl Robot) -> Option<Condition> {
     let notices = |node| robot.monitor().latest(node).map(|latest| latest.notices);
     let lead = notices(Node::Lead).unwrap_or_default();
@@ -412,7 +412,7 @@ impl Ends {
         Self::of_labels(ends.into_iter().map(RunEnd::label))
     }
 
-    /// Counts equal labels.
+    /// Counts equal labels of ends.
     pub fn of_labels(labels: impl IntoIterator<Item = String>) -> Self {
         let mut counts: Vec<(String, u32)> = Vec::new();
         for label in labels {

@@ -31,7 +31,7 @@ impl FinalError {
         }
     }
 
-    /// True within [`NEAR`].
+    /// True if distance and heading error are within [`NEAR`].
     pub fn is_near(&self) -> bool {
         self.e_m <= NEAR[0] && self.heading_rad.abs() <= NEAR[1]
     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 /// Time without a key after which a robot driven by hand stops.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Least and largest speed of a simulation, times real time.
+/// Lower and upper limit of a simulation's speed, times real time.
 const RATES: (f64, f64) = (0.125, 16.0);
 /// Key presses from rest to the largest speed, and from straight to the largest curvature.
 const STEPS: f64 = 8.0;
@@ -72,7 +72,7 @@ struct Keys {
     ticks: u64,
     rate: f64,
     hand: Hand,
-    /// Largest speed (m/s) and curvature (1/m) of a drive by hand.
+    /// Limits of speed (m/s) and curvature (1/m) of a drive by hand; `None` if the keys do not drive.
     limits: Option<[f64; 2]>,
     pressed: Instant,
     /// True if the robot was stopped because no key was pressed.
@@ -165,8 +165,8 @@ impl Keyboard {
         (keys.paused, keys.rate)
     }
 
-    /// True if the simulation must wait: it is paused and no ticks are left. If ticks are left, a paused simulation
-    /// uses up one tick. False after the end of the run.
+    /// True if the simulation is paused without ticks left, and must wait. A paused simulation with ticks left uses up
+    /// one tick. False after the end of the run.
     pub fn holds(&self) -> bool {
         let mut keys = self.keys();
         if !keys.paused || keys.ended {
@@ -187,7 +187,7 @@ impl Keyboard {
         keys.hand
     }
 
-    /// Notice that the robot stopped because no key was pressed; `None` if it did not.
+    /// Notice that the robot stopped because no key was pressed; `None` if it did not stop for this reason.
     pub fn idle_stop(&self) -> Option<String> {
         let seconds = IDLE_TIMEOUT.as_secs();
         let text =
@@ -195,7 +195,7 @@ impl Keyboard {
         self.keys().idled.then(text)
     }
 
-    /// Takes the task to send before the speed.
+    /// Removes and gives the task that must be sent before the commanded speed; `None` if there is none.
     pub fn take_task(&self) -> Option<Task> {
         self.keys().hand.task.take()
     }
@@ -225,7 +225,7 @@ mod tests {
         keyboard.press(Key::Halt);
         assert_eq!(keyboard.take_task(), Some(Task::Stop));
         assert_eq!(keyboard.hand(), Hand::default());
-        // Without a driver the keys do not drive.
+        // A default keyboard does not drive the robot.
         let watcher = Keyboard::default();
         watcher.press(Key::Forward);
         assert_eq!(watcher.hand(), Hand::default());

@@ -9,23 +9,24 @@ use crate::run::drive::{DriveTask, Progress, drive};
 use crate::run::end::RunEnd;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
-use crate::targets::HostCommand;
+use crate::targets::{HostCommand, Room};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Tolerance;
 use core_algos::node::lead::Task;
 use core_algos::time::Micros;
 use serde::Serialize;
 
-/// Half the search range for the nearest point about the previous one, m: more than the robot drives in an
-/// epoch, less than the distance between the branches of a crossing.
+/// Half the search range along the path for the nearest point, about the previous nearest point, m: more than the robot
+/// drives in an epoch, less than the loop between two passes of a crossing.
 const WINDOW_M: f64 = 0.1;
 /// Time limit of a run: factor on the expected duration, and additional time, s.
 const LIMIT_FACTOR_AND_EXTRA_S: (f64, f64) = (2.0, 30.0);
-/// Share of the largest deviation allowed at a planned start; the rest is left for the placement error.
+/// Share of the allowed distance from the start of the path that a planned start may use; the rest is left for the
+/// placement error.
 const START_SHARE: f64 = 0.8;
-/// Largest length of the path behind the robot at the start, m.
+/// Largest allowed length of the path behind the robot at the start, m.
 const MAX_PASSED_M: f64 = 0.2;
-/// Largest heading error of the robot against the path at the start, rad: paths are driven forward.
+/// Largest allowed angle between robot and path at the start, rad: paths are driven forward.
 const TURN_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Share of the robot's speed limit that a trajectory may use; the rest is left for catching up.
 const TIMED_SHARE: f64 = 0.9;
@@ -47,13 +48,14 @@ pub struct Route {
     max_curvature: f64,
 }
 
-/// Largest distances of a robot from the start of a path, m: at a planned posture, and at the estimated posture.
+/// Largest allowed distances of a robot from the start of a path, m: at a planned posture, and at the estimated
+/// posture.
 pub fn start_distances(scenario: &Scenario) -> [f64; 2] {
     let most = f64::from(scenario.robot.lead.course.max_deviation_m);
     [START_SHARE * most, most]
 }
 
-/// Bounds of the frame of a scenario's robot.
+/// Limits of the frame of a scenario's robot.
 pub fn bounds(scenario: &Scenario) -> Bounds {
     let robot = &scenario.robot;
     Bounds {
@@ -129,7 +131,7 @@ impl Route {
         })
     }
 
-    /// The path, open.
+    /// Path of the route, with all laps as one open path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -139,7 +141,7 @@ impl Route {
         self.max_curvature
     }
 
-    /// Posture of the first point.
+    /// Posture of the route's first point: m, m, rad.
     pub fn start(&self) -> [f64; 3] {
         posture(&self.path.samples()[0])
     }
@@ -160,17 +162,17 @@ impl Route {
         }
     }
 
-    /// Posture of the last point.
+    /// Posture of the route's last point: m, m, rad.
     pub fn goal(&self) -> [f64; 3] {
         posture(&self.end())
     }
 
-    /// Postures of all points.
+    /// Postures of all points of the route: m, m, rad.
     pub fn postures(&self) -> Vec<[f64; 3]> {
         self.path.samples().iter().map(posture).collect()
     }
 
-    /// Longest time of a run, s.
+    /// Time limit of a run, s.
     pub fn limit_s(&self) -> f64 {
         LIMIT_FACTOR_AND_EXTRA_S.0 * self.trajectory.duration() + LIMIT_FACTOR_AND_EXTRA_S.1
     }
@@ -224,12 +226,12 @@ pub struct PathEpoch {
     pub curvature: f64,
 }
 
-/// Errors over a run and at its end.
+/// Path errors over a run and at its end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// Root mean square of the distance (following: across the path), m.
+    /// Root mean square of the distance from the reference point, m; across the path in path following.
     pub rms_m: f64,
-    /// Largest distance, m.
+    /// Largest distance from the reference point, m; across the path in path following.
     pub max_m: f64,
     /// Largest distance across the path, m.
     pub max_cross_track_m: f64,
@@ -262,7 +264,7 @@ impl Sums {
 
     fn errors(&self, last: &Deviation) -> Errors {
         let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
-        // The maximum of unknown values is unknown.
+        // Unknown distances are NaN, which `f64::max` skips: without them the maxima are unknown too.
         let largest = |value: f64| {
             if self.distance.is_nan() {
                 f64::NAN
@@ -281,7 +283,7 @@ impl Sums {
     }
 }
 
-/// Outcome of a run.
+/// Outcome of a path run: errors and end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Errors of the true midpoint.
@@ -319,7 +321,11 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
     }
 
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
-        self.stream.feed(robot)
+        let room = robot.room();
+        match self.stream.next(room) {
+            Some(points) => robot.command(&points),
+            None => Ok(()),
+        }
     }
 
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
@@ -389,7 +395,7 @@ pub fn drive_on(
 }
 
 /// Points not yet sent to the robot.
-struct Stream {
+pub struct Stream {
     points: Points,
     /// True if the end of the path was sent.
     ended: bool,
@@ -401,7 +407,8 @@ enum Points {
 }
 
 impl Stream {
-    fn new(route: &Route, path_mode: PathMode) -> Self {
+    /// All points of a route.
+    pub fn new(route: &Route, path_mode: PathMode) -> Self {
         let points = match path_mode {
             PathMode::Follow => Points::Path(route.path.points()),
             PathMode::Track => Points::Trajectory(route.trajectory.to_points()),
@@ -412,32 +419,32 @@ impl Stream {
         }
     }
 
-    /// Fills the robot's buffer and declares the end after the last point.
-    fn feed(&mut self, robot: &mut impl Robot) -> Result<(), Error> {
+    /// Command with the next points that fit into `room`, with the end after the last point; `None` if there is nothing
+    /// to send.
+    pub fn next(&mut self, room: Room) -> Option<HostCommand> {
         if self.ended {
-            return Ok(());
+            return None;
         }
-        let room = robot.room();
-        self.ended = match &mut self.points {
+        let (command, sent) = match &mut self.points {
             Points::Path(points) => {
-                let fit = room.path.min(points.len());
-                let end = fit == points.len();
-                let now: Vec<_> = points.drain(..fit).collect();
-                if fit > 0 || end {
-                    robot.command(&HostCommand::Path { points: now, end })?;
-                }
-                end
+                let (points, end) = first(points, room.path);
+                let sent = points.len();
+                (HostCommand::Path { points, end }, (sent, end))
             }
             Points::Trajectory(points) => {
-                let fit = room.trajectory.min(points.len());
-                let end = fit == points.len();
-                let now: Vec<_> = points.drain(..fit).collect();
-                if fit > 0 || end {
-                    robot.command(&HostCommand::Trajectory { points: now, end })?;
-                }
-                end
+                let (points, end) = first(points, room.trajectory);
+                let sent = points.len();
+                (HostCommand::Trajectory { points, end }, (sent, end))
             }
         };
-        Ok(())
+        self.ended = sent.1;
+        (sent != (0, false)).then_some(command)
     }
+}
+
+/// Removes the first points, at most `room`; true if none is left.
+fn first<T>(points: &mut Vec<T>, room: usize) -> (Vec<T>, bool) {
+    let fit = room.min(points.len());
+    let removed = points.drain(..fit).collect();
+    (removed, points.is_empty())
 }

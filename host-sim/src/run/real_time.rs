@@ -1,4 +1,4 @@
-//! Ticks in real time.
+//! Paces the ticks of a run in real time.
 
 use super::keyboard::Keyboard;
 use core_algos::time::TICK;
@@ -57,7 +57,7 @@ impl RealTimeLimiter {
         self.late
     }
 
-    /// Largest delay of a tick.
+    /// Largest delay of a tick so far.
     pub fn worst(&self) -> Duration {
         self.worst
     }

@@ -149,7 +149,7 @@ impl Monitor {
         }
     }
 
-    /// Latest heartbeat of a node.
+    /// Latest heartbeat of a node; `None` if none was received.
     pub fn latest(&self, node: Node) -> Option<&Status> {
         self.latest[self.topology.place_of_node(node)?].as_ref()
     }
@@ -176,7 +176,7 @@ impl Monitor {
         ))
     }
 
-    /// Tick (ms) since which a node has been in fault; `None` if it is not in fault.
+    /// Tick (ms) since which a node has been in fault; `None` if the node is not in fault.
     pub fn fault_since(&self, node: Node) -> Option<u64> {
         let of_node = |status: &&Status| status.node == node;
         let last = self.changes.iter().rev().find(of_node)?;
@@ -206,6 +206,7 @@ impl Monitor {
     }
 
     /// First heartbeat that reported a stop or cut since the task began, or the heartbeat of a fault not yet cleared.
+    /// `None` without a stop or cut.
     pub fn first_fault(&self) -> Option<&Status> {
         let mut changes = self.changes.iter().skip(self.first);
         changes.find(|status| is_stopped(status.state) && status.reason.is_some())
@@ -245,7 +246,8 @@ impl Recovery {
         self.next.is_some()
     }
 
-    /// Action of the host at a tick; `restart` is the latest restart of an axle board, ms.
+    /// Action of the host at a tick; `restart` is the latest restart of an axle board, ms. `None` if the host does
+    /// nothing at the tick.
     pub fn step(
         &mut self,
         tick: u32,

@@ -41,7 +41,7 @@ pub struct Outcome {
     pub max_commanded_curvature: f64,
     /// Length of the midpoint's path, m.
     pub path_m: f64,
-    /// Changes of direction while driving.
+    /// Number of changes of direction while driving.
     pub cusps: u32,
     /// Number of planning phases of the regulator.
     pub plans: u32,
@@ -91,7 +91,7 @@ impl Drive {
         }
     }
 
-    /// Adds the state after an epoch.
+    /// Adds the robot's state after an epoch to the statistics.
     fn observe(&mut self, record: &Record) {
         const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
         let [x, y, phi] = self.last;

@@ -29,11 +29,11 @@ pub struct Rig {
     topology: Topology,
     /// Inertial sensor drivers of the axle boards.
     inertial: Vec<Inertial>,
-    /// Boards.
+    /// Boards of the robot.
     pub boards: Boards,
     /// Bus between the boards.
     pub bus: VirtualBus,
-    /// Heartbeats of the nodes.
+    /// Monitor of the nodes' heartbeats.
     pub monitor: Monitor,
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
     torque: Vec<[f64; 2]>,
@@ -119,7 +119,7 @@ impl Rig {
         &self.lead
     }
 
-    /// Injected fault.
+    /// Injector of the fault; `None` without an injected fault.
     pub fn injector(&self) -> Option<&Injector> {
         self.injector.as_ref()
     }
@@ -140,11 +140,22 @@ impl Rig {
         self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
     }
 
-    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next
-    /// tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
+    /// One tick of the boards with the true state at the beginning of the tick; gives the torques of the motors until
+    /// the next tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
     pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
-        let (now, tick) = (self.now(), self.tick as u32);
         self.read(truth);
+        self.step_boards()
+    }
+
+    /// [`Self::step`] with readings in place of the sensors.
+    pub fn step_with(&mut self, readings: &Readings) -> Result<&[[f64; 2]], Error> {
+        self.readings.clone_from(readings);
+        self.step_boards()
+    }
+
+    /// One tick of the boards with the latest readings.
+    fn step_boards(&mut self) -> Result<&[[f64; 2]], Error> {
+        let (now, tick) = (self.now(), self.tick as u32);
         self.disturb(tick)?;
         let Self {
             boards,
@@ -216,7 +227,7 @@ impl Rig {
         for (reading, (samples, inertial)) in self.readings.axles.iter_mut().zip(axles) {
             let accelerometer = samples.accelerometer;
             *reading = axle::Samples {
-                encoder: samples.encoder_counts.map(Some).into(),
+                encoder: samples.encoder_counts.into(),
                 gyro_rad_s: samples.gyro.map(|rate| inertial.gyro_gain * rate),
                 acceleration_m_s2: accelerometer.map(|value| inertial.accelerometer_gain * value),
                 conditions: Conditions::NONE,
@@ -241,15 +252,15 @@ impl Rig {
         strain
     }
 
-    /// Sensors and bus as text.
+    /// Sensors and bus as text, for comparisons in tests.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
         format!("{:?} {:?}", self.sensors, self.bus)
     }
 }
 
-/// Configuration of a drawn robot's boards: the scenario's configuration with the bridge zeros of the drawn robot at a
-/// straight edge, and the constants of the converter.
+/// Configuration of a drawn robot's boards: the scenario's configuration with the constants of the converter, and with
+/// the bridge zeros of the drawn robot, measured with the frame held against a straight edge.
 pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();

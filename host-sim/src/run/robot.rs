@@ -25,13 +25,13 @@ const REST_M_S: f32 = 1e-3;
 /// State of the robot at the end of an epoch, for logs and pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
-    /// Time, s.
+    /// Time of the record, s.
     pub time_s: f64,
     /// True posture of the midpoint: m, m, rad; NaN if unknown.
     pub midpoint: [f64; 3],
-    /// Axles, front first.
+    /// States of the axles, front first.
     pub axles: Vec<AxleRecord>,
-    /// Frames, front first.
+    /// States of the frames, front first.
     pub frames: Vec<FrameRecord>,
     /// Latest output of the lead node.
     pub lead: lead::Output,
@@ -53,7 +53,7 @@ pub struct AxleRecord {
 pub struct FrameRecord {
     /// Wrench of the frame on its axles.
     pub wrench: Wrench,
-    /// True posture of the axle ahead in the coordinates of the axle behind.
+    /// True posture of the axle ahead in the coordinates of the axle behind: m, m, rad.
     pub relative: [f64; 3],
     /// Points of the bent frame from its root to its tip, global, m.
     pub points: [[f32; 2]; FRAME_POINTS],
@@ -206,7 +206,7 @@ pub struct Span {
 /// Bounds, pace and observers of a run.
 #[derive(Default)]
 pub struct RunControl {
-    /// Bounds of the time.
+    /// Bounds of the run's time.
     pub span: Span,
     /// Flag that ends the run when set.
     pub interrupt: Option<Arc<AtomicBool>>,
@@ -242,11 +242,11 @@ pub trait Robot {
     fn is_settled(&self) -> bool;
     /// Free room of the lead node's buffers at the end of an epoch, points.
     fn room(&mut self) -> Room;
-    /// Reason that the robot cannot continue; `None` if it can.
+    /// Reason that the robot cannot continue; `None` if the robot can.
     fn failure(&self) -> Option<String>;
     /// Advances the robot by 1 ms.
     fn step(&mut self) -> Result<(), Error>;
-    /// State for logs and pictures.
+    /// State of the robot for logs and pictures.
     fn record(&self) -> Record;
     /// Plant of a simulated robot; `None` for a real robot.
     fn plant(&self) -> Option<&Plant>;
@@ -259,9 +259,9 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
-    /// Heartbeats of the nodes.
+    /// Monitor of the nodes' heartbeats.
     fn monitor(&self) -> &Monitor;
-    /// Mutable heartbeats of the nodes.
+    /// Mutable monitor of the nodes' heartbeats.
     fn monitor_mut(&mut self) -> &mut Monitor;
 
     /// Age of the estimates in a record at the end of an epoch, µs: the lead node fuses the reports of the epoch
@@ -349,7 +349,7 @@ pub trait Robot {
         Ok(())
     }
 
-    /// True steering angle ψ, rad, or NaN: half the angle between the axles.
+    /// True steering angle ψ, rad: half the relative heading of the first frame's axles. NaN without a plant.
     fn steering(&self) -> f64 {
         self.plant()
             .map_or(f64::NAN, |plant| 0.5 * plant.relative_posture(0)[2])

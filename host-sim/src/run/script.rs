@@ -86,7 +86,7 @@ pub enum ScriptStep {
 }
 
 impl ScriptStep {
-    /// Longest duration of the step, s.
+    /// Time limit of the step, s.
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         match self {
             Self::Goto(_) => scenario.mission.time_limit_s,
@@ -134,7 +134,7 @@ pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
     }]
 }
 
-/// Largest speed (m/s) and curvature (1/m) of a step.
+/// Largest allowed speed (m/s) and curvature (1/m) of a step.
 pub fn limits(scenario: &Scenario) -> [f64; 2] {
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     let bound = path_run::bounds(scenario).max_curvature();
@@ -331,7 +331,10 @@ pub fn execute(
                 end.kind = EndKind::Stopped;
                 let refused = matches!(
                     (&line.step, &error),
-                    (ScriptStep::Follow { .. }, Error::Input(_))
+                    (
+                        ScriptStep::Follow { .. },
+                        Error::Input(_) | Error::Parameter(_)
+                    )
                 );
                 end.condition = refused.then_some(Condition::PathLost).or(end.condition);
                 end.reason = Some(error.to_string());
@@ -402,7 +405,7 @@ struct StepTask<'a, F> {
 }
 
 impl<F> StepTask<'_, F> {
-    /// Task from the keys; a stop is sent once.
+    /// Task that the keys command; `None` after a stop has been sent, until the next key.
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
         let rests = hand.speed_m_s == 0.0;
@@ -419,7 +422,7 @@ impl<F> StepTask<'_, F> {
     }
 }
 
-/// Progress of a step without a goal.
+/// Progress of a step without a goal: over if `finished`, else driving.
 fn over(finished: bool) -> Progress {
     match finished {
         true => Progress::Over,
@@ -487,7 +490,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     }
 
     fn must_end(&self, robot: &R) -> bool {
-        // A fault does not end these steps, which clear faults.
+        // A fault does not end the steps `Clear` and `Hand`, in which faults are cleared.
         match self.step {
             ScriptStep::Clear | ScriptStep::Hand(_) => {
                 robot.is_interrupted() || robot.is_out_of_time()
@@ -661,7 +664,7 @@ mod tests {
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
         };
         near(truth(0), 1.0, 0.2);
-        // Speed times time minus the ramps, on an arc to the left.
+        // The robot drives an arc to the left; its length is speed times time less the ramps.
         let driven = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
         assert!((0.3..0.45).contains(&driven), "{driven}");
         assert!(

@@ -1,6 +1,6 @@
 //! One trial: plant and rig in lockstep at 1 kHz.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Refusal};
 use crate::bus::virtual_bus::BusStatistics;
 use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
@@ -19,15 +19,64 @@ use core_algos::topology::Node;
 /// Time from a fault of the lead node to the end of the run, ticks: the run shows the reaction of the robot.
 const TICKS_AFTER_FAULT: u64 = 1000;
 
-/// A trial in progress.
-pub struct Simulation {
-    plant: Plant,
-    rig: Rig,
-    truth: Truth,
+/// Plant of a drawn robot with the true positions of its gauges.
+#[derive(Debug)]
+pub struct DrawnPlant {
+    /// The plant.
+    pub plant: Plant,
     /// True positions of the gauges of each frame.
     gauges: Vec<Vec<Station>>,
-    outlines: Vec<Outline>,
     half_thickness: f64,
+}
+
+impl DrawnPlant {
+    /// Plant at rest at its true start.
+    pub fn new(scenario: &Scenario, imperfections: &Drawn) -> Result<Self, Error> {
+        let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
+        let mut plant = plant.map_err(|error| Refusal::of("plant.", &error))?;
+        let start = scenario.mission.start;
+        plant.place(std::array::from_fn(|i| {
+            start[i] + imperfections.placement[i]
+        }));
+        Ok(Self {
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
+            gauges: scenario.world.gauges_of(imperfections, &plant),
+            plant,
+        })
+    }
+
+    /// Inputs of the sensors, all zero.
+    pub fn no_truth(&self) -> Truth {
+        Truth {
+            axles: vec![AxleTruth::default(); self.plant.axles().len()],
+            strains: self.gauges.iter().map(|it| vec![0.0; it.len()]).collect(),
+        }
+    }
+
+    /// Updates the inputs of the sensors.
+    pub fn measure(&self, truth: &mut Truth) {
+        for (truth, axle) in truth.axles.iter_mut().zip(self.plant.axles()) {
+            *truth = AxleTruth {
+                wheel_angle: axle.motor_angle,
+                yaw_rate: axle.velocity[2],
+                forward_acceleration: axle.acceleration[0],
+            };
+        }
+        let frames = truth.strains.iter_mut().zip(&self.gauges);
+        for (frame, (strains, gauges)) in frames.enumerate() {
+            self.plant.gauges(frame, gauges, |i, curvature| {
+                strains[i] = self.half_thickness * curvature;
+            });
+        }
+    }
+}
+
+/// A trial in progress.
+pub struct Simulation {
+    drawn: DrawnPlant,
+    rig: Rig,
+    truth: Truth,
+    outlines: Vec<Outline>,
     control: RunControl,
     recovery: Option<Recovery>,
     /// Latest commanded task.
@@ -42,7 +91,7 @@ impl Simulation {
         Self::on(boards, scenario, seed, trial)
     }
 
-    /// Creates the trial with the given targets.
+    /// Creates the trial with the given boards.
     pub fn on(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -61,37 +110,25 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
-        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
-        let start = scenario.mission.start;
-        plant.place(std::array::from_fn(|i| {
-            start[i] + imperfections.placement[i]
-        }));
-        let gauges = scenario.world.gauges_of(imperfections, &plant);
+        let drawn = DrawnPlant::new(scenario, imperfections)?;
         Ok(Self {
             rig: Rig::new(targets, scenario, imperfections, (seed, trial))?,
-            truth: Truth {
-                axles: vec![AxleTruth::default(); plant.axles().len()],
-                strains: gauges.iter().map(|it| vec![0.0; it.len()]).collect(),
-            },
-            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
-            gauges,
-            outlines: outlines(&plant),
+            truth: drawn.no_truth(),
+            outlines: outlines(&drawn.plant),
             control: RunControl::default(),
             recovery: None,
             task: Task::Idle,
-            plant,
+            drawn,
         })
     }
 
     /// Text of the whole state except the boards.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
-        let parts = (&self.plant, &self.gauges);
-        format!("{parts:?} {} {}", self.rig.truth(), self.half_thickness)
+        format!("{:?} {}", self.drawn, self.rig.truth())
     }
 
-    /// The boards.
+    /// Boards of the robot, mutable.
     pub fn boards(&mut self) -> &mut Boards {
         &mut self.rig.boards
     }
@@ -121,14 +158,14 @@ impl Simulation {
         self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
 
-    /// Trace of the boards since [`Self::record_trace`].
+    /// Trace of the boards since [`Self::record_trace`]; `None` if not recorded.
     pub fn take_trace(&mut self) -> Option<Trace> {
         self.rig.trace.take()
     }
 
-    /// Plant.
+    /// Plant of the simulated robot.
     pub fn plant(&self) -> &Plant {
-        &self.plant
+        &self.drawn.plant
     }
 
     /// Latest output of the lead node.
@@ -146,10 +183,10 @@ impl Simulation {
             return;
         };
         if let Some(Wheel { axle, side }) = injector.lifts(tick) {
-            self.plant.lift_wheel(axle, side as usize);
+            self.drawn.plant.lift_wheel(axle, side as usize);
         }
         if injector.snaps(tick) {
-            self.plant.snap_frame(0);
+            self.drawn.plant.snap_frame(0);
         }
     }
 
@@ -167,23 +204,6 @@ impl Simulation {
         };
         self.rig.boards.note(tick, act);
         self.rig.boards.command(&HostCommand::Task(task))
-    }
-
-    /// Updates the true state that the sensors measure.
-    fn measure(&mut self) {
-        for (truth, axle) in self.truth.axles.iter_mut().zip(self.plant.axles()) {
-            *truth = AxleTruth {
-                wheel_angle: axle.motor_angle,
-                yaw_rate: axle.velocity[2],
-                forward_acceleration: axle.acceleration[0],
-            };
-        }
-        let frames = self.truth.strains.iter_mut().zip(&self.gauges);
-        for (frame, (strains, gauges)) in frames.enumerate() {
-            self.plant.gauges(frame, gauges, |i, curvature| {
-                strains[i] = self.half_thickness * curvature;
-            });
-        }
     }
 }
 
@@ -228,16 +248,16 @@ impl Robot for Simulation {
         }
         let tick = self.tick() as u32;
         self.step_recovery(tick)?;
-        self.measure();
+        self.drawn.measure(&mut self.truth);
         self.disturb(tick);
         let torque = self.rig.step(&self.truth)?;
-        self.plant.step(torque);
+        self.drawn.plant.step(torque);
         self.notify_observers()
     }
 
     fn record(&self) -> Record {
         let (lead, strain) = (*self.rig.lead(), |frame| self.rig.strain(frame));
-        Record::of(self.now(), &self.plant, &self.outlines, lead, strain)
+        Record::of(self.now(), &self.drawn.plant, &self.outlines, lead, strain)
     }
 
     fn plant(&self) -> Option<&Plant> {
@@ -301,7 +321,8 @@ mod tests {
             ticks += 1;
             assert!(ticks < 500, "the task never reached the motors");
         }
-        // The command passes the lead node's epoch and the bus to the axle; the motors follow one tick later.
+        // The command reaches the axle after the lead node's epoch and the latency of the bus; the motors follow one
+        // tick later.
         let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
     }
@@ -325,7 +346,7 @@ mod tests {
     #[test]
     fn motors_switch_off_without_messages() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        // A task needs a robot at rest whose boards have received each other's messages.
+        // Lets the robot settle: a task needs a robot at rest whose boards have received each other's messages.
         for _ in 0..100 {
             simulation.step().unwrap();
         }
@@ -338,7 +359,7 @@ mod tests {
         assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.rig.bus.cut();
-        // 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest, 750 ms to release the frame.
+        // The stop takes 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest and 750 ms to release the frame.
         for _ in 0..1200 {
             simulation.step().unwrap();
         }

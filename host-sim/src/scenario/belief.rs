@@ -22,7 +22,7 @@ macro_rules! pairs {
     };
 }
 
-/// All pairs.
+/// All pairs of a true value and a board parameter.
 pub const PAIRS: &[Pair] = pairs! {
     "plant.strip_length_m", "robot.geometry.frame_length_m":
         |it| vec![it.world.plant.strip_length_m], [it.robot.geometry.frame_length_m];

@@ -23,7 +23,7 @@ pub enum Use {
     Path,
     /// Regulation on virtual boards, which simulate the circuits.
     Virtual,
-    /// A path on virtual boards.
+    /// Path following or trajectory tracking on virtual boards.
     VirtualPath,
     /// Calibration of wheels, gauges or gyros.
     Calibrate,
@@ -31,7 +31,7 @@ pub enum Use {
     Replay,
 }
 
-/// Rules by scenario and use.
+/// Rules whose condition depends on the scenario and its use.
 const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
      robot.beam.calibration.full_scale_counts":
@@ -140,7 +140,7 @@ impl GivenKeys {
             .filter_map(|key| text(key, taken, runs))
             .collect();
         if !idle.is_empty() {
-            // Keys are known, so they have no control characters.
+            // Known keys have no control characters, so the text may be printed as given.
             let _ = writeln!(
                 io::stderr(),
                 "cfmmr: scenario file: {}",
@@ -162,7 +162,7 @@ impl GivenKeys {
 /// Keys that the command itself sets, each with the reason.
 pub type Taken<'a> = &'a [(&'a str, &'a str)];
 
-/// Key and reason if the key has no effect in any of the runs.
+/// Key and reason if the key has no effect in any of the runs; `None` if it has an effect in a run.
 pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
     let taken = taken.iter().find(|(other, _)| within(key, other));
     let reason = taken.map(|(_, reason)| *reason).or_else(|| {

@@ -7,9 +7,11 @@
 pub mod belief;
 pub mod board_parameters;
 pub mod effect;
+pub mod keys;
 pub mod own;
+pub mod variant;
 
-use crate::base::error::{Error, within};
+use crate::base::error::{Error, Refusal, within};
 use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
@@ -111,7 +113,7 @@ pub struct Scenario {
     pub own: Own,
 }
 
-/// Layout of a scenario file: the world's tables stand beside the others.
+/// Layout of a scenario file: the tables of the world are on the top level, as `mission`, `robot` and `boards` are.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {
@@ -214,12 +216,10 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Checks every value.
+    /// Checks every value of the scenario.
     pub fn check(&self) -> Result<(), Error> {
         within("mission", self.mission.check_ranges())?;
-        self.robot
-            .build()
-            .map_err(|error| Error::input(self.placed(&error)))?;
+        self.robot.build().map_err(|error| self.placed(&error))?;
         let topology = self.robot.topology();
         for role in topology.boards() {
             let mut settings = Settings::new(self.robot);
@@ -227,15 +227,15 @@ impl Scenario {
             // Stored zeros of the gauges are not checked: they are counts of another converter than the default.
             let calibration = &mut settings.robot.beam.calibration;
             calibration.zero_counts = self.robot.beam.calibration.zero_counts;
-            settings.check(role).map_err(|error| {
-                Error::input(format!("boards.{}: {error}", topology.name(role)))
-            })?;
+            let board = format!("boards.{}: ", topology.name(role));
+            let checked = settings.check(role);
+            checked.map_err(|error| Refusal::of(&board, &error))?;
         }
         self.world.check()
     }
 
     /// Error of a robot parameter, with all keys that hold the refused value: fields of several tables share a name.
-    fn placed(&self, error: &ConfigError) -> String {
+    fn placed(&self, error: &ConfigError) -> Refusal {
         let mut keys = Vec::new();
         let table = Table::try_from(self.robot).unwrap_or_default();
         leaves("robot", &table, &mut |key, value| {
@@ -256,10 +256,12 @@ impl Scenario {
             }
         });
         match keys.is_empty() {
-            true => format!("robot: {error}"),
-            false => error
-                .to_string()
-                .replacen(error.field, &keys.join(" or "), 1),
+            true => Refusal::of("robot: ", error),
+            false => {
+                let mut refusal = Refusal::of("", error);
+                refusal.field = refusal.field.replacen(error.field, &keys.join(" or "), 1);
+                refusal
+            }
         }
     }
 

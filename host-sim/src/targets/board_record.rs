@@ -16,7 +16,7 @@ pub enum BoardEvent {
     Begin(u32, Box<RobotConfig>),
     /// A command was executed before this tick.
     Command(u32, HostCommand),
-    /// A tick.
+    /// A tick of the board.
     Tick(Box<BoardTick>),
     /// Output of the lead node at this tick.
     Lead(u32, Box<lead::Output>),
@@ -27,7 +27,7 @@ pub enum BoardEvent {
 /// Tick of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardTick {
-    /// Time, ms.
+    /// Time of the tick, ms.
     pub tick: u32,
     /// Samples of the board's sensors.
     pub samples: Samples,
@@ -87,12 +87,12 @@ impl BoardRecord {
         self.begun
     }
 
-    /// Events since the last call.
+    /// Removes and gives the events recorded since the last call.
     pub fn take(&mut self) -> Vec<BoardEvent> {
         std::mem::take(&mut self.events)
     }
 
-    /// Ends the record.
+    /// Ends the record, with a reason.
     pub fn end(&mut self, reason: String) {
         self.close();
         if let Some(nodes) = self.nodes.take() {
@@ -124,7 +124,7 @@ impl BoardRecord {
         }
     }
 
-    /// Adds the next entry.
+    /// Adds the next entry of the board's reports to the record.
     pub fn put(&mut self, entry: &Entry) {
         let own = entry.frame();
         let own = own.map(|frame| (frame, sender(self.config.topology(), &frame)));

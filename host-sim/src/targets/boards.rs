@@ -27,7 +27,7 @@ use core_algos::topology::{Role, Topology, Wheels};
 pub struct Failure {
     /// Board that fails.
     pub role: Role,
-    /// Time, ms from the start of the simulation.
+    /// Time of the failure, ms from the start of the simulation.
     pub at: u32,
     /// Kind of failure.
     pub mode: FailureMode,
@@ -41,7 +41,7 @@ pub enum FailureMode {
     Off,
     /// The board ends; the host finds its link closed.
     Crash,
-    /// The board stops running; the host finds that it does not answer.
+    /// The board stops running and does not answer the host.
     Hang,
 }
 
@@ -50,7 +50,7 @@ struct Slot {
     target: Box<dyn Target>,
     /// False if the board is not fitted or is off.
     on: bool,
-    /// Time of the restart, ms.
+    /// Time of the planned restart, ms; `None` if no restart is planned.
     restart_at: Option<u32>,
     /// True if the board does not run and holds its outputs.
     held: bool,
@@ -153,7 +153,7 @@ impl Boards {
         self.losses.events()
     }
 
-    /// Latest restart of an axle board, ms.
+    /// Latest restart of an axle board, ms; `None` without a restart.
     pub fn last_restart(&self) -> Option<u32> {
         self.losses.last_restart()
     }
@@ -163,12 +163,12 @@ impl Boards {
         self.losses.note(tick, what);
     }
 
-    /// Reason that the run must end at `tick`; `None` if it can continue.
+    /// Reason that the run must end at `tick`; `None` if the run can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         self.losses.end(tick)
     }
 
-    /// Report of each fitted board; running boards report their stack.
+    /// Report of each fitted board; with the stack use of boards that are running.
     pub fn reports(&mut self) -> Vec<TargetReport> {
         let mut reports = Vec::new();
         for slot in &mut self.slots {
@@ -201,7 +201,7 @@ impl Boards {
             return Ok(());
         }
         match front.target.command(command) {
-            // The next tick detects and handles the same fault.
+            // Not an error here: the next tick detects and handles the fault.
             Ok(()) | Err(Fault::Restarted | Fault::Silent(_)) => Ok(()),
             Err(Fault::Fatal(error)) => Err(error),
         }
@@ -289,7 +289,7 @@ impl Boards {
         Ok(())
     }
 
-    /// Value of a board's answer; `None` if the board was lost, without an answer or by a restart. An error if the run
+    /// Value of a board's answer; `None` if the board gave no answer or restarted, and so was lost. An error if the run
     /// cannot continue.
     fn value_or_loss<T>(
         &mut self,

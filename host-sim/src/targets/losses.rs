@@ -26,7 +26,7 @@ pub enum EventKind {
 /// Event of a board, with its time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
-    /// Time, s.
+    /// Time of the event, s.
     pub time_s: f64,
     /// Name of the board, or `host`.
     pub role: &'static str,
@@ -76,7 +76,7 @@ impl Losses {
         }
     }
 
-    /// Events since the start.
+    /// Events of the boards since the start of the run.
     pub fn events(&self) -> &[Event] {
         &self.events
     }
@@ -87,12 +87,12 @@ impl Losses {
         self.events.iter().any(|event| event.role == name)
     }
 
-    /// Latest restart of an axle board, ms.
+    /// Latest restart of an axle board, ms; `None` without a restart.
     pub fn last_restart(&self) -> Option<u32> {
         self.restarted
     }
 
-    /// Reason that the run must end at `tick`; `None` if it can continue.
+    /// Reason that the run must end at `tick`; `None` if the run can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         let (why, at) = self.end.as_ref()?;
         (tick >= *at).then_some(why)

@@ -47,9 +47,9 @@ pub enum Outgoing<'a> {
 /// Free room of the lead node's buffers, points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Room {
-    /// Room for a path.
+    /// Free room for points of a path.
     pub path: usize,
-    /// Room for a trajectory.
+    /// Free room for points of a trajectory.
     pub trajectory: usize,
 }
 
@@ -99,7 +99,7 @@ pub struct TargetReport {
     pub role: &'static str,
     /// Place where the nodes run.
     pub target: &'static str,
-    /// Commit that the image was built from.
+    /// Commit that the image was built from; for a board in this process the version of the program.
     pub build: String,
     /// Frames received from the board.
     pub frames: u64,
@@ -128,16 +128,16 @@ impl TargetReport {
     }
 }
 
-/// Distribution of times.
+/// Distribution of latencies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Latency {
-    /// Mean, µs.
+    /// Mean latency, µs.
     pub mean_us: f64,
-    /// Median, µs.
+    /// Median latency, µs.
     pub median_us: u32,
-    /// 99th percentile, µs.
+    /// 99th percentile of the latency, µs.
     pub p99_us: u32,
-    /// Maximum, µs.
+    /// Largest latency, µs.
     pub max_us: u32,
 }
 
@@ -179,13 +179,13 @@ pub trait Target: Send {
     /// Delivers a message that arrived at `now`.
     fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message);
 
-    /// Hands over the samples of a tick, ms.
+    /// Hands over the samples of the board's sensors at `tick`, ms.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
 
     /// Takes the board's output of the tick; its messages go to `send` in order.
     fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault>;
 
-    /// Sets the next tick of a board after a gap in its ticks, ms.
+    /// Sets the next tick (ms) of a board after a gap in its ticks.
     fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
         Ok(())
     }

@@ -14,7 +14,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Outline of a plant's robot.
+    /// Outline of the robot with these constants of the plant.
     pub fn of(plant: &PlantConfig) -> Self {
         Self {
             half_track_m: plant.half_track_m[0],

@@ -17,7 +17,7 @@ pub(crate) use rules;
 /// Keys or tables separated by spaces, the condition under which they have no effect, and the reason.
 pub type Rules<Condition> = &'static [(&'static str, Condition, &'static str)];
 
-/// Rules within a world.
+/// Rules whose condition depends on the world alone.
 const WORLD: Rules<fn(&World) -> bool> = rules! {
     "plant.tyre.creep": |world| matches!(world.plant.tyre, Tyre::Brush(_)) => "with plant.tyre.brush; give plant.tyre.creep alone";
     "plant.tyre.brush spread.slip_stiffness":
@@ -58,7 +58,7 @@ pub fn in_world(key: &str, world: &World) -> Option<&'static str> {
         .map(|(.., reason)| *reason)
 }
 
-/// True if `key` is one of `keys`, or an entry of one of them.
+/// True if `key` is one of `keys`, or an entry of a table or list in `keys`.
 pub fn listed(key: &str, keys: &str) -> bool {
     keys.split_whitespace().any(|other| within(key, other))
 }

@@ -12,7 +12,7 @@ use toml::{Table, Value};
 /// Figure of a world: a value with unit and reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Key in the file.
+    /// Key of the figure in a world file.
     pub key: String,
     /// Value of the figure.
     pub value: Value,
@@ -24,11 +24,11 @@ pub struct Figure {
     pub base: bool,
 }
 
-/// All figures of a world, those of its own file first.
+/// All figures of a world, the figures of its own file first.
 pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let world = World::load(name)?;
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
-    // Base.toml has the creep tyre, the default world the brush tyre.
+    // Reasons of the tyre keys start with the default world: it has the brush tyre, base.toml the creep tyre.
     let mut base = reasons(&text(DEFAULT)?);
     base.retain(|key, _| key.starts_with("plant.tyre."));
     base.extend(reasons(BASE));
@@ -87,7 +87,7 @@ mod tests {
             assert!(figures.len() > 85, "{}", figures.len());
             for Figure { key, reason, .. } in figures {
                 assert!(reason.len() > 3, "{name}: {key}");
-                // Base.toml has the creep tyre only.
+                // Base.toml lacks the keys of the brush tyre.
                 let tyre = key.starts_with("plant.tyre.");
                 assert!(tyre || base.contains_key(&key), "no base value: {key}");
                 assert!(declare::find(FIELDS, &key).is_some(), "{key}");

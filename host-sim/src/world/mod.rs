@@ -119,7 +119,7 @@ table! {
 }
 
 impl Default for World {
-    /// Tyres of constant creep, and only the errors that the estimators model.
+    /// The base world: tyres of constant creep, and only the errors that the estimators model.
     fn default() -> Self {
         Self {
             name: BASE_NAME.to_owned(),
@@ -200,7 +200,7 @@ impl World {
         }
     }
 
-    /// Checks every value.
+    /// Checks every value of the world.
     pub fn check(&self) -> Result<(), Error> {
         within("plant", self.plant.build(ROBOT.axle_count()).map(drop))?;
         within("spread", self.spread.check_ranges())?;
@@ -255,6 +255,16 @@ impl World {
 
     /// Plant of one robot, with or without the mass of the strain sensing.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
+        self.plant_config_of(robot, sensing)?
+            .build(robot.track_factor.len())
+    }
+
+    /// Constants of one robot's plant, with or without the mass of the strain sensing.
+    pub fn plant_config_of(
+        &self,
+        robot: &Drawn,
+        sensing: bool,
+    ) -> Result<PlantConfig, ConfigError> {
         let axles = robot.track_factor.len();
         let mut plant = self.plant.for_axles(axles)?;
         if !sensing {
@@ -267,7 +277,7 @@ impl World {
             }
         }
         robot.plant.apply(&mut plant);
-        plant.build(axles)
+        Ok(plant)
     }
 
     /// True positions of one robot's gauges on the strip of each frame.
@@ -332,7 +342,8 @@ mod tests {
         }
     }
 
-    /// Lists of the plant: `carpet_drift` is a vector on the floor, the others hold entries of axles.
+    /// Every list of the plant except `carpet_drift`, a vector on the floor, has one entry for all axles or one per
+    /// axle.
     #[test]
     fn a_list_of_axles_holds_one_entry_for_all_axles_or_one_per_axle() {
         let base: toml::Table = toml::from_str(BASE).unwrap();
@@ -562,7 +573,7 @@ mod tests {
         other.world = World::load("ordinary").unwrap();
         let robot = Simulation::new(&other, 7, 3).unwrap();
         assert!(robot.truth() != before);
-        // The boards get the bridge zeros at a straight edge, and nothing else of the drawn robot.
+        // The boards get the bridge zeros, measured against a straight edge, and nothing else of the drawn robot.
         let configs = [&plain, &other].map(|scenario| {
             let mut config =
                 crate::run::rig::board_config(scenario, &scenario.world.draw(Topology::PAIR, 7, 3));
@@ -587,7 +598,7 @@ mod tests {
             (sigma(&|d| d.plant.carpet_drift[0]), 5e-3),
             (sigma(&|d| d.plant.slip_stiffness_factor[0][1].ln()), 0.3),
             (sigma(&|d| d.plant.bending_stiffness_factor - 1.0), 0.05),
-            // Own and common error together.
+            // Error of the bridge itself and error common to all bridges together.
             (
                 sigma(&|d| d.frames[0].bridge_gain_error[2]),
                 0.5e-2_f64.hypot(1e-2),

@@ -80,7 +80,8 @@ pub(super) fn mix(state: u64) -> u64 {
 
 /// Bound of a constant's draw, standard deviations: one unbounded draw in two million lies beyond.
 pub const BOUND: f64 = 5.0;
-/// Largest relative standard deviation: a draw ten standard deviations below the mean still gives a positive factor.
+/// Largest allowed relative standard deviation: a draw ten standard deviations below the mean still gives a positive
+/// factor.
 pub const SMALL: f32 = 0.09;
 
 /// [`normal`], limited to [`BOUND`] standard deviations: for constants with an allowed range.

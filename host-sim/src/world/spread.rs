@@ -26,7 +26,7 @@ table! {
         /// counts.
         pub backlash_rad: f64 = 0.0, "rad": Range(0.0, 0.02);
         /// Standard deviation of the relative decrease of the rolling radius at twice the load at rest; the magnitude
-        /// counts.
+        /// of the draw counts.
         pub radius_load_sensitivity: f64 = 0.0, "": Range(0.0, 0.01);
     }
 }

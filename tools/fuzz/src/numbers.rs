@@ -1,6 +1,6 @@
 //! Numbers drawn from the fuzzer's bytes, often edge values.
 
-/// Reads bytes from the front; zeros after the end.
+/// Reader of the fuzzer's bytes from the front; gives zeros after the end.
 pub struct Bytes<'a>(pub &'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -22,14 +22,14 @@ impl<'a> Bytes<'a> {
         std::array::from_fn(|_| self.byte())
     }
 
-    /// At most `length` bytes.
+    /// Reads the next bytes, at most `length`; fewer at the end.
     pub fn take(&mut self, length: usize) -> &'a [u8] {
         let (head, rest) = self.0.split_at(length.min(self.0.len()));
         self.0 = rest;
         head
     }
 
-    /// Finite number, because JSON cannot represent NaN and infinity.
+    /// Reads a finite number, because JSON cannot represent NaN and infinity.
     pub fn number(&mut self) -> f64 {
         const EDGES: [f64; 12] = [
             0.0,

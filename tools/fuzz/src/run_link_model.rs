@@ -8,7 +8,7 @@ use core_algos::link::{Demand, MotorState, Order, Stamp};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 
-/// A frame on the way to the board.
+/// Frame that travels to the board.
 #[derive(Clone, Debug)]
 pub enum Frame {
     /// Frame with this payload.
@@ -17,7 +17,7 @@ pub enum Frame {
     Damaged,
 }
 
-/// Bytes that the board sends, and the demanded action.
+/// Expected bytes from the board, and the action that the link demands of the board.
 #[derive(Debug, PartialEq)]
 pub struct Outcome {
     sent: Vec<u8>,
@@ -47,7 +47,7 @@ impl Outcome {
     }
 }
 
-/// Host with the lease. The latest order stays known after the end of the lease.
+/// Host that holds the lease. `latest`, its latest order, stays known after the end of the lease.
 #[derive(Default)]
 struct Commander {
     latest: Option<Stamp>,
@@ -100,13 +100,13 @@ pub struct RunLinks {
 /// Expected reaction to a request.
 enum Due {
     Reply(Vec<u8>),
-    /// Reply that is not stored for repetitions.
+    /// Reply to a hello, which is not stored for a repetition of the request.
     Greeting(Vec<u8>),
-    /// Stored reply to a repeated request.
+    /// Stored reply, sent again because the request was repeated.
     Repetition(Vec<u8>),
-    /// Reply and action.
+    /// Reply at once, and action of the board.
     Act(Vec<u8>, Demand),
-    /// Action whose reply follows later.
+    /// Action of the board; the reply follows when the action ends.
     Later(Demand),
 }
 

@@ -19,7 +19,7 @@ struct Entry {
     file: String,
     rule: Rule,
     before: String,
-    /// Text after the change; `None` matches any text.
+    /// Text of the file after the change; `None` matches any text.
     after: Option<String>,
     reason: String,
 }
@@ -32,7 +32,7 @@ impl Equivalent {
         toml::from_str(&text).with_context(|| path.display().to_string())
     }
 
-    /// Reason of a listed mutant.
+    /// Reason why a listed mutant is equivalent; `None` if the mutant is not listed.
     pub fn reason(&self, mutant: &Mutant) -> Option<&str> {
         let is = |entry: &&Entry| {
             let after = entry.after.as_ref();

@@ -54,7 +54,7 @@ fn rule(name: &str) -> Result<Rule, String> {
 /// Tested change.
 #[derive(Clone, Debug, serde::Serialize)]
 struct Mutant {
-    /// Number of the switch.
+    /// Number that selects the change in the test program; 0 selects none.
     number: usize,
     file: String,
     line: usize,
@@ -207,7 +207,7 @@ fn main() -> Result<ExitCode> {
     Ok(report(&arguments, &equivalent, &outcomes))
 }
 
-/// Counts of a folder or file.
+/// Number of changes of a folder or file, by outcome of the tests.
 #[derive(Clone, Copy, Default)]
 struct Count {
     noticed: usize,

@@ -48,11 +48,11 @@ pub enum Form {
 pub struct Site {
     /// Rule of the change.
     pub rule: Rule,
-    /// Bytes of the expression or statement.
+    /// Byte range of the expression or statement in the file.
     pub bytes: Range<usize>,
     /// Form of the change.
     pub form: Form,
-    /// Line, from 1.
+    /// Line number in the file, from 1.
     pub line: usize,
 }
 
@@ -119,7 +119,7 @@ impl Finder<'_> {
         self.add(rule, span, Form::Replaced(text.into()));
     }
 
-    /// Expression with a part replaced.
+    /// Text of the expression `whole` with its part `part` replaced by `text`.
     fn with(&self, whole: Span, part: Span, text: &str) -> String {
         let (whole, part) = (whole.byte_range(), part.byte_range());
         format!(
@@ -176,7 +176,6 @@ impl Finder<'_> {
         let span = call.span();
         if !other.is_empty() {
             let mut text = self.with(span, call.method.span(), other);
-            // The methods take receivers of different types.
             if name == "is_some_and" {
                 text = format!("({text})");
             }
@@ -216,7 +215,7 @@ impl Finder<'_> {
         let mut starts = vec![comma + 1];
         starts.extend(bars.iter().map(|bar| bar + 1));
         for (k, start) in starts.iter().enumerate() {
-            // The guard applies to all patterns.
+            // The last pattern stays if a guard follows, because the guard applies to all patterns.
             let (from, to) = match bars.get(k) {
                 Some(bar) => (*start, bar + 1),
                 None if self.text[*start..whole.end].contains(" if ") => continue,
@@ -244,7 +243,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Partner of a name in a pair.
+    /// Partner of a name, such as `right` for `left`; `None` for a name without a partner.
     fn pair(name: &str) -> Option<&'static str> {
         Some(match name {
             "Front" => "Rear",
@@ -325,7 +324,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Visits the parts of a written or borrowed place, which itself cannot change.
+    /// Visits the parts of an expression that is written or borrowed. The expression itself cannot change.
     fn place(&mut self, expr: &Expr) {
         match expr {
             Expr::Field(field) => self.place(&field.base),

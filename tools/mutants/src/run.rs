@@ -34,7 +34,7 @@ impl Outcome {
     }
 }
 
-/// Test program.
+/// Program with the tests of core-algos, and the timeouts of the tests.
 pub struct Tests {
     program: PathBuf,
     folder: PathBuf,

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Code of the switch; evaluation at compile time is never changed.
+/// Code of the switch that selects a change at run time. Code that the compiler evaluates is never changed.
 const SWITCH: &str = r#"
 #[cfg(test)]
 pub(crate) mod mutant {
@@ -235,7 +235,7 @@ fn failing_changes(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTr
 /// Text with each change behind its switch, and the byte range of each change.
 fn with_switches(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     let mut order: Vec<&Mutant> = mutants.iter().collect();
-    // A change that contains others precedes them.
+    // A change that contains other changes comes first, because `insert` expects this order.
     order.sort_by_key(|mutant| (mutant.site.bytes.start, usize::MAX - mutant.site.bytes.end));
     let mut parts = Vec::new();
     let mut to = String::new();

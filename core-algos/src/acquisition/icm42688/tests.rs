@@ -27,7 +27,7 @@ impl Part {
         part
     }
 
-    /// Values after a reset, from the register map.
+    /// Sets every register to its reset value of the register map.
     fn reset(&mut self) {
         self.banks = [[0; 128]; 3];
         self.bank = 0;
@@ -114,14 +114,14 @@ fn step(sensor: &mut Icm42688, part: &mut Part, still: bool) -> Reading {
     reading
 }
 
-/// Runs `ms` milliseconds, motors off.
+/// Runs the driver for `ms` milliseconds with the motors off.
 fn rest(sensor: &mut Icm42688, part: &mut Part, ms: usize) {
     for _ in 0..ms {
         step(sensor, part, true);
     }
 }
 
-/// A sensor after `ms` milliseconds, motors off.
+/// Driver and sensor after `ms` milliseconds with the motors off.
 fn after(ms: usize) -> (Icm42688, Part) {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     rest(&mut sensor, &mut part, ms);
@@ -143,7 +143,8 @@ fn registers_are_those_of_the_data_sheet() {
     assert!(sensor.is_set_up() && !sensor.is_lost());
     assert_eq!(part.bank, 0);
     assert_eq!(part.banks[0][0x4e..0x54], SET_UP);
-    // Reset values 0x30 with bits 1 and 0 at 11, and 0x91 with bits 7 and 6 at 01, all others kept.
+    // The reset values are 0x30 and 0x91. The set-up writes 11 to bits 1 and 0 of the first register, 01 to bits 7 and
+    // 6 of the second, and keeps the other bits.
     assert_eq!(part.banks[0][0x4c..0x4e], [0x33, 0x51]);
     // 536 Hz: delta 12, its square 144, shift 8. The accelerometer's delta shares its register with a disable bit.
     assert_eq!(part.banks[1][0x0c..0x0f], [0x0c, 0x90, 0x80]);
@@ -234,7 +235,7 @@ fn stuck_line_or_frozen_sample_loses_the_sensor() {
         true
     };
     let fails = |_: &mut [u8]| false;
-    // With the line low, a register reads back wrong. Failed transfers count like repeated samples.
+    // If the data line is held low, a register reads back wrong. Failed transfers count like repeated samples.
     type Transfer = fn(&mut [u8]) -> bool;
     let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
     for (transfer, within) in broken {
@@ -242,7 +243,7 @@ fn stuck_line_or_frozen_sample_loses_the_sensor() {
         let steps = until_lost(&mut sensor, transfer);
         assert!(steps <= within, "{steps}");
     }
-    // With the line high, the status reports a reset.
+    // If the data line is held high, the interrupt status reports a reset.
     let (mut sensor, mut part) = after(1200);
     part.silent = true;
     step(&mut sensor, &mut part, false);

@@ -1,11 +1,11 @@
-//! Descents of the fit: damped Gauss–Newton steps, at most one shape each.
+//! Descents of the fit: damped Gauss–Newton steps, each with at most one integration of the elastica.
 
 use super::minimum::{Minimum, determines_load};
 use super::ray::Parameters;
 use super::{CONVERGED, Readings, Solver, bounded};
 use crate::math::matrix::{cholesky, cholesky_solve};
 
-/// Most shapes computed from one start.
+/// Limit of the integrations of the elastica from one start.
 const MAX_DESCENT: u8 = 10;
 /// Predicted decrease of the cost below which the refinement, if one follows, replaces further steps.
 const CLOSE: f32 = 4.0;
@@ -61,7 +61,7 @@ impl Solver {
         })
     }
 
-    /// One step of a descent: at most one shape.
+    /// One damped Gauss–Newton step: at most one integration of the elastica.
     pub(super) fn descend_once(
         &self,
         descent: &mut Descent,

@@ -22,7 +22,7 @@ pub struct Fit {
     pub degrees_of_freedom: f32,
     /// True if the iteration converged.
     pub converged: bool,
-    /// Number of shapes computed.
+    /// Number of integrations of the elastica.
     pub evaluations: u8,
 }
 
@@ -30,7 +30,8 @@ impl Solver {
     /// Covariances of the parameters: total, without the drift of the zeros, and of the noise alone.
     fn spreads(&self, inverse: &Mat3, shape: &Shape, readings: &Readings) -> [Mat3; 3] {
         let (strip, Readings { k, weights, .. }) = (&self.strip, readings);
-        // Independent errors are in the weights; common errors move all readings.
+        // The weights contain the errors that are independent between gauges. Errors common to all gauges are added
+        // here.
         let mut by_offset = [0.0; 3];
         let mut by_gain = [0.0; 3];
         for i in 0..MAX_GAUGES {

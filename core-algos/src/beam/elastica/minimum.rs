@@ -11,7 +11,8 @@ pub(super) const SUSPICIOUS: f32 = 12.0;
 /// Share of the load decided by the prior below which the strains determine the load.
 const PRIOR_SHARE: f32 = 0.1;
 
-/// Limits of the residual of 4 to 8 readings. Readings of the stated uncertainty stay below with probability 2.5e-4.
+/// Residuals below which 4, 5, 6, 7 and 8 readings are more accurate than stated. Readings of the stated uncertainty
+/// have a smaller residual with probability 2.5e-4.
 const EXACT: [f32; 5] = [1e-7, 5e-4, 0.0096, 0.0455, 0.12];
 
 /// Result of a descent.

@@ -108,7 +108,7 @@ impl Ray {
 /// posture within 2e-6 of the length up to the second buckling load.
 const MAX_STEP: f32 = 0.1;
 
-/// Integration steps between two points of interest: step length (signed, in units of L) and count.
+/// Integration steps from the middle or a gauge to the next gauge or an end: signed step length in units of L, count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Leg {
     pub(super) step: f32,
@@ -119,7 +119,7 @@ impl Leg {
     pub(super) fn new(from_u: f32, to_u: f32) -> Self {
         let length = 0.5 * (to_u - from_u);
         let mut count = 0u8;
-        // At most half the strip, so at most five steps.
+        // The distance is at most half the strip, so five steps are enough.
         while f32::from(count) * MAX_STEP < length.abs() && count < 8 {
             count += 1;
         }

@@ -9,7 +9,7 @@ use crate::math::trig::{cos, sinc, sqrt};
 /// Axial compressions in units of EI/L² at which [`Solver::waves`] looks for a start.
 const WAVE_LOADS: [f32; 10] = [0.0, 5.0, 12.0, 20.0, 30.0, 42.0, 55.0, 70.0, 88.0, 110.0];
 
-/// Start of a fit: result of an earlier fit.
+/// Parameters of an earlier fit, from which the next fit starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start(pub(super) Parameters);
 

@@ -48,7 +48,7 @@ fn bent_by(force: [f64; 2]) -> Bent {
     shape.bent(&gauss())
 }
 
-/// Position error, m, and heading error, rad.
+/// Position error, m, and heading error, rad, of a fit.
 fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     let p = fit.relative.posture;
     (
@@ -57,7 +57,7 @@ fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     )
 }
 
-/// Many tests draw shapes from this domain.
+/// Other tests draw their random shapes from the domain that this test checks.
 #[test]
 fn random_shapes_fill_their_domain() {
     let (mut random, mut forces) = (Random(21), Vec::new());
@@ -507,7 +507,7 @@ fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
         let start = shape.map(|p| p as f32);
         (solver.start_at(start, &readings, &mut 6).unwrap(), readings)
     };
-    // A load is large above three prior scales; the scale is 4.
+    // An axial load is large above three times the prior's scale, which is 4.
     for (fx, evaluations) in [
         (12.0f32, 3),
         (-12.0, 3),
@@ -802,7 +802,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
                 assert_eq!(search, before);
                 continue;
             }
-            // Computing the starts costs two shapes; a smaller effort changes nothing.
+            // Computing the starts costs two integrations; a smaller effort leaves the search unchanged.
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
             assert_eq!(search, before);
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);
@@ -824,7 +824,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
             let elsewhere = (last.parameters != first.parameters).then_some(last.parameters);
             assert_eq!(start(&search), elsewhere);
         }
-        // A start from the last fit's result needs no other start.
+        // A search that starts from the last fit's result needs no other start.
         let there = Start(begin(&exact, five, None).best.unwrap().parameters);
         let next = begin(&exact, five, Some(there));
         assert!(!next.is_open() && next.is_converged() && next.evaluations <= 2);
@@ -834,7 +834,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
     }
 }
 
-/// The refinement takes two shapes of the budget; the search has at least two.
+/// The refinement may use two integrations of the budget, the search at least two.
 #[test]
 fn a_budget_is_shared_by_search_and_refinement() {
     let budgets = [0, 3, 4, 5, 40, 41].map(before_refinement);
@@ -888,7 +888,7 @@ fn fit_in_pieces_equals_the_whole_fit_and_starts_the_next_fit() {
     assert!(searched > 10, "{searched}");
 }
 
-/// A tick's budget bounds the shapes of an estimate, including the refinement.
+/// The budget of a tick bounds the integrations of the elastica for an estimate, including the refinement.
 #[test]
 fn budget_of_a_tick_bounds_search_and_refinement() {
     let (at, mut random) = (gauss(), Random(8));

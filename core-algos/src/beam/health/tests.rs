@@ -92,7 +92,7 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
     let (suspect, dead) = (0b1, 0b1);
     let monitor = monitor();
     for (ranges, suspects, deads) in [
-        // Four other gauges: two must move.
+        // Of four other gauges, two must move.
         ([0, 60, 60, 60, 60, N, N, N], suspect, 0),
         ([0, 60, 1, 1, 60, N, N, N], suspect, 0),
         ([0, 59, 59, 1, 60, N, N, N], 0, 0),
@@ -101,7 +101,7 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
         ([0, 0, 60, 60, 1, N, N, N], 0b11, 0),
         ([0, 0, 0, 60, 1, N, N, N], 0, 0),
         ([0, 0, 0, 0, 0, N, N, N], 0, 0),
-        // Five, three and seven other gauges: three, two and four must move.
+        // Of five, three and seven other gauges, three, two and four must move.
         ([0, 60, 60, 1, 1, 1, N, N], 0, 0),
         ([0, 60, 60, 60, 1, 1, N, N], suspect, 0),
         ([0, 60, 1, 1, N, N, N, N], 0, 0),
@@ -140,7 +140,7 @@ fn flatness_ignores_foreign_and_latched_gauges_but_counts_faulty_gauges() {
         (FIVE, Fault::None, 0b1, 0),
         (GaugeMask(0b111), Fault::None, 0, 0b1),
         (FIVE, Fault::Saturated, 0b1, 0),
-        // One of the two moving gauges is latched: one of three other gauges moves.
+        // One of the two moving gauges is latched: only one of the three other gauges moves.
         (FIVE, Fault::Dead, 0, 0b10),
         (FIVE, Fault::Inconsistent, 0, 0b10),
         (GaugeMask(0b1111), Fault::Dead, 0, 0b11),

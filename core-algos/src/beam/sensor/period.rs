@@ -5,12 +5,13 @@
 pub(super) struct Period {
     /// Number of conversions, good or not: index of the next conversion.
     pub(super) conversions: u16,
-    /// Sums over the good samples of the count, the index, its square, and count times index.
+    /// Sum of the good counts. The next three fields: sums of the good samples' indices, of the squared indices, and of
+    /// count times index.
     sum: i64,
     index_sum: i64,
     index_square_sum: i64,
     product_sum: i64,
-    /// First good count, and sum of the squared differences from it.
+    /// First good count. `square_sum` is the sum of the squared differences of the good counts from it.
     first: i32,
     square_sum: i64,
     pub(super) good: u16,
@@ -19,7 +20,7 @@ pub(super) struct Period {
 }
 
 impl Period {
-    /// Takes in a good count.
+    /// Adds a good count to the sums.
     pub(super) fn put(&mut self, count: i32) {
         if self.good == 0 {
             self.first = count;

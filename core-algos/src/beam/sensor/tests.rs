@@ -142,7 +142,8 @@ fn healthy_sensor_reports_no_fault_and_a_consistent_covariance() {
             worst_rad = worst_rad.max((f64::from(p.phi) - truth[2]).abs());
         }
     }
-    // Zeros and gains of a robot are constant, so the probability of 0.02 is one robot of 30 in most of its bends.
+    // Zeros and gains of a robot are constant, so a probability of 0.02 means that one robot of 30 exceeds the limit in
+    // most of its bends.
     assert!(unexplained / n < 0.06, "{}", unexplained / n);
     // With 30 draws of gain and offset, the mean NEES of 3 has a standard deviation of 0.4.
     assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);
@@ -193,7 +194,7 @@ fn each_failed_gauge_is_detected_and_the_estimate_continues() {
             let (found, faults, _) = tampered(seed, |counts, _| counts[gauge] = -1);
             assert_eq!((found, faults), (Some(4), only(gauge, Fault::Missing)));
 
-            // Stuck without noise, stuck with noise, a jump of 300 µε.
+            // Three faults of a gauge: stuck without noise, stuck with noise, a jump of 300 µε.
             let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 2150);
             assert!(found.unwrap() < 250, "gauge {gauge}: {found:?}");
             assert!(matches!(faults[gauge], Fault::Dead | Fault::Inconsistent));
@@ -325,7 +326,7 @@ fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
                 odd.is_nan() || (excess - expected).abs() < 1e-17,
                 "{excess:e}"
             );
-            // A gauge that is not good is ignored.
+            // The noise of a gauge that is not good is ignored.
             let others = sensor.excess_noise(&state, GaugeMask::first(5).without(i));
             assert!((others.0 - 3e-12).abs() < 1e-17 && others.1);
         }
@@ -346,7 +347,7 @@ fn drift_of_the_zeros_has_the_configured_variance_per_second() {
         age: 500,
         ..State::default()
     };
-    // 0.05 µε/√s for 10 s.
+    // The zeros walk by 0.05 µε/√s for 10 s.
     let drift = config.build().unwrap().drift(&state);
     assert!((drift / 25e-15 - 1.0).abs() < 1e-5, "{drift:e}");
 }

@@ -52,7 +52,7 @@ fn lists_hold_up_to_eight_numbers() {
     assert_eq!(list.padded(), [3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
 }
 
-/// The noise of the readings grows; errors that strains do not show stay.
+/// The noise of the readings grows; errors that strains do not show keep their size.
 #[test]
 fn excess_noise_scales_the_noise_of_the_readings() {
     let strip = with(|c| {

@@ -84,7 +84,7 @@ properties! { cases 200;
                 prop_assert!(now.psi_acceleration.abs() <= 8.01);
                 prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
                 prop_assert!(before.v * now.v >= 0.0, "direction changes through zero");
-                // The rates match the changes of the values.
+                // `v_rate`, `psi_rate` and `psi_acceleration` match the changes of v, ψ and ψ̇.
                 prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
                 let mean = 0.5 * (before.psi_rate + now.psi_rate);
                 prop_assert!((now.psi.0 - before.psi.0 - mean * dt).abs() < 1e-6);
@@ -92,7 +92,7 @@ properties! { cases 200;
         }
     }
 
-    // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
+    // Speeds above 0.24 m/s exceed the wheels' limit at the largest steering angle.
     #[test]
     fn a_constant_input_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
         let state = run(&governor(), State::at_rest(Steering(from)), governor_input(v, psi), 6.0);
@@ -145,7 +145,7 @@ fn known_rate_removes_the_lag() {
         without = stepped(&governor, &without, &governor_input(0.0));
     }
     assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
-    // Without the rate, ψ lags by the time 2/ω.
+    // Without the steering rate as feedforward, ψ lags by the time 2/ω.
     assert!((without.motion.psi.0 - (0.4 - 0.4 * 0.25)).abs() < 0.006);
     assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
 }

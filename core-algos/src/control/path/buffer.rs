@@ -4,7 +4,7 @@ use crate::math::Posture;
 use crate::math::trig::{sin_cos, wrap_angle};
 use core::fmt;
 
-/// Largest r²κ² in the lead, whose factor `1/√(1 − r²κ²)` is singular at 1.
+/// Limit of r²κ² for the distance by which a reference leads O: its factor `1/√(1 − r²κ²)` is singular at r²κ² = 1.
 pub(super) const MAX_BEND_SQUARED: f32 = 0.9;
 
 /// One point of a path.
@@ -27,7 +27,7 @@ pub struct TrajectoryPoint {
     pub time_s: f32,
     /// Speed along the path, m/s, not negative.
     pub v: f32,
-    /// Point of the reference.
+    /// Point of the path at this time.
     pub point: PathPoint,
 }
 
@@ -265,7 +265,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         Ok(())
     }
 
-    /// Declares the last point the end.
+    /// Declares the last point held the end of the path.
     pub fn finish(&mut self) {
         self.complete = true;
     }
@@ -348,8 +348,8 @@ impl<const N: usize> PathBuffer<N> {
 }
 
 impl<const N: usize> TrajectoryBuffer<N> {
-    /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s): the cubic through both neighbours with
-    /// their speeds. Before the first and after the last point: at rest at this point.
+    /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s), by the cubic through the neighbouring points
+    /// with their speeds. Before the first and after the last point: at rest at this point.
     pub(super) fn time_law(&self, time: f32) -> Option<[f32; 3]> {
         let (first, last) = (self.get(0)?, self.last()?);
         if !(time > first.time_s) {

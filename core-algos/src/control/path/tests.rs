@@ -250,7 +250,7 @@ fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
     let (end, out) = follower.step(&start, &path, near).unwrap();
     assert!(end.finished && end.s == path.end());
     assert_eq!((out.reference.v, out.v_rate), (0.0, 0.0));
-    // The path stays finished.
+    // Once finished, the path stays finished for a robot that is pushed back.
     let pushed = Posture::new(0.9, 0.0, 0.0);
     assert!(follower.step(&end, &path, pushed).unwrap().0.finished);
 }
@@ -406,7 +406,7 @@ properties! { cases 64;
         let h = 1e-4f32;
         let around = [s - h, s + h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let rate = (around[1] - around[0]) / (2.0 * f64::from(h)) * exact;
-        // The rate jumps where the active limit changes; these places are skipped.
+        // The rate jumps where the active limit changes; arc lengths near a jump are skipped.
         let smooth = [s - 3.0 * h, s + 3.0 * h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let wide = (smooth[1] - smooth[0]) / (6.0 * f64::from(h)) * exact;
         if s > 1e-3 && (rate - wide).abs() < 1e-3 && s < end - 1e-3 {
@@ -417,7 +417,7 @@ properties! { cases 64;
 
 #[test]
 fn search_for_the_robot_covers_the_window_ahead_of_the_last_point() {
-    // Exact numbers, so that a segment begins where the window ends.
+    // These numbers are exact in `f32`, so that a segment begins exactly where the search window ends.
     let config = Config {
         search_window_m: 0.125,
         ..Config::default()

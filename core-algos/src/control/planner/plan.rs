@@ -58,7 +58,7 @@ impl Plan {
         }
     }
 
-    /// Segment `index`; `None` past the last one.
+    /// Segment `index`; `None` beyond the last segment.
     pub fn segment(&self, index: usize) -> Option<Segment> {
         match index {
             0 => self.first,

@@ -191,7 +191,7 @@ fn cost_is_length_of_segments_and_approach_and_price_of_stops_and_cusps() {
             last = Some(forward);
         }
         pairs += u32::from(plan.segment(1).is_some());
-        // The curvature is 1e-3 larger: allowance for rounding at the bound of the funnel.
+        // The funnel's curvature is 1e-3 larger, as an allowance for rounding at the bound of the funnel.
         let forward = plan.approach == Direction::Forward;
         let cost = spent + approach_cost(q, forward, last, 0.94 * 3.0 + 1e-3).unwrap();
         assert!(

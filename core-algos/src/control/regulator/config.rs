@@ -32,9 +32,9 @@ declare! {
         pub planner: planner::Config = planner::Config::default();
         /// Candidate postures that the planner evaluates in a tick.
         pub planner_budget: u32 = 400, "": Positive;
-        /// Steering error below which a segment begins.
+        /// Steering error up to which a segment or the approach begins.
         pub steering_tolerance_rad: f32 = 0.05, "rad": Positive;
-        /// Time after which a segment begins at any steering error.
+        /// Time after which a segment or the approach begins at any steering error.
         pub steering_timeout_s: f32 = 3.0, "s": Positive;
         /// Steering error above which the speed is zero. Below half this error the speed is not reduced.
         pub steering_wait_rad: f32 = 0.2, "rad": Positive;

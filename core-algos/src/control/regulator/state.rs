@@ -28,7 +28,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// Phase after the present stop or steering.
+/// Continuation after the present phase Stop or Steer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
@@ -44,7 +44,7 @@ pub struct State {
     pub(super) phase: Phase,
     pub(super) goal: Option<Posture>,
     pub(super) search: Option<Search>,
-    /// Candidates of the next tick that the search has already evaluated.
+    /// Number of candidate postures of the next tick's budget that are already evaluated.
     pub(super) ahead: u32,
     pub(super) plan: Plan,
     pub(super) next: Next,
@@ -52,7 +52,7 @@ pub struct State {
     pub(super) origin: Posture,
     /// Posture of the robot at the previous tick.
     pub(super) last: Posture,
-    /// Time without motion while driving.
+    /// Time for which the robot has been commanded to drive without moving.
     pub(super) stuck: Stuck,
     /// Posture where the robot was last stuck, at first the posture at the start; `None` before the start.
     pub(super) stuck_at: Option<Posture>,

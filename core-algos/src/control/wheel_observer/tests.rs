@@ -168,7 +168,7 @@ fn bound_of_a_jump_grows_with_missing_counts() {
                 }
                 state = observer.step(&state, Some(40 + sign * change));
                 assert_eq!(state.jumped, jumped, "{missing} {change}");
-                // Missing intervals count only once.
+                // A count ends the gap: the intervals without a count do not widen the next bound.
                 let next = observer.step(&state, Some(40 + sign * (change + 1000)));
                 assert!(next.jumped);
             }

@@ -85,7 +85,7 @@ fn a_voltage_one_period_late_does_not_overshoot() {
     let peak = response.iter().fold(0.0f64, |a, &b| a.max(b));
     assert!(peak < 0.5 + 1e-4, "{peak}");
     assert!((response[399] - 0.5).abs() < 1e-4);
-    // Within 2 % after 1.5 ms.
+    // After 1.5 ms the current is within 2 % of its reference.
     assert!((response[30] - 0.5).abs() < 0.01, "{}", response[30]);
 }
 
@@ -234,7 +234,7 @@ fn a_limit_of_current_or_of_voltage_is_reported() {
     }
 }
 
-/// The smallest valid supply voltage is the smallest normal number.
+/// The smallest valid supply voltage is the smallest normal `f32`.
 #[test]
 fn a_supply_above_zero_is_needed() {
     let current_loop = Config::default().build().unwrap();

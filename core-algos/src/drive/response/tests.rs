@@ -4,7 +4,7 @@ use proptest::prelude::{any, prop_assert};
 
 const SUPPLY: f64 = 12.0;
 
-/// Simulated winding; resistance and constant relative to the configured winding.
+/// Simulated winding; resistance and torque constant are relative to those of the configured motor.
 #[derive(Clone, Copy)]
 struct Winding {
     open: bool,

@@ -27,7 +27,7 @@ fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> IncrementInputs {
     }
 }
 
-/// Heading error of a step of 2 s due to a constant of size one.
+/// Heading error of an increment of 2 s if `constant` is 1 and the other constants are 0.
 fn heading(axle: usize, gyro_share: f32, constant: usize) -> f32 {
     step(axle, gyro_share).by_constants(&TYRES)[2][constant]
 }
@@ -80,7 +80,7 @@ fn increment_error_equals_the_brush_model_of_each_wheel() {
     for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
         for heading in [-0.9f64, 0.2, 0.9] {
             for (axle, sign) in [(0, -1.0), (1, 1.0)] {
-                // Force on the right tyre against the moment; the left one's is opposite.
+                // Force on the right tyre against the moment; the force on the left tyre is opposite.
                 let force = -sign * moment * heading / track;
                 let slip = |force: f64, rolled: f64| {
                     let small = -force * f64::abs(rolled) / (load * stiffness);

@@ -17,23 +17,21 @@ declare! {
     /// Noise densities of the motion model. Slip is given along the axle's heading, across it, and in
     /// heading, each per metre driven and per second; the filter turns it into the global frame.
     pub struct Densities {
-        /// Slip along the heading.
+        /// Slip along the heading that grows with distance.
         pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
-        /// Slip across the heading.
+        /// Slip across the heading that grows with distance.
         pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
-        /// Slip in heading.
+        /// Slip in heading that grows with distance.
         pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
-        /// Slip along the heading.
+        /// Slip along the heading that grows with time.
         pub along_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
-        /// Slip across the heading.
+        /// Slip across the heading that grows with time.
         pub across_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
-        /// Slip in heading.
+        /// Slip in heading that grows with time.
         pub heading_rad_per_sqrt_s: f32 = 5e-5, "rad/√s": NonNegative;
-        /// Change of the forward acceleration.
+        /// Random change of the forward acceleration.
         pub jerk_m_s3_per_sqrt_hz: f32 = 3.0, "m/s³/√Hz": NonNegative;
-        /// Change of the yaw acceleration.
-        // Steering accelerates an axle from rest to 36 rad/s² and more at once. With a seventh of this density the
-        // gate would reject the gyro.
+        /// Random change of the yaw acceleration.
         pub yaw_jerk_rad_s3_per_sqrt_hz: f32 = 150.0, "rad/s³/√Hz": NonNegative;
     }
 }

@@ -36,9 +36,9 @@ pub(super) const YAW_ACCELERATION: usize = 3;
 pub struct Covariance {
     /// Covariance of the motion states: D on the diagonal, U above it, zeros below.
     motion: Mat<M, M>,
-    /// G.
+    /// Matrix G: dependence of the posture error on the errors of the motion states.
     follow: Mat<3, M>,
-    /// Covariance of e, in the form of `motion`.
+    /// Covariance of e, the part of the posture error that is independent of the motion, factorised like `motion`.
     own: Mat3,
     /// True if an entry of U correlates (v, v̇) with (φ̇, φ̈). Two wheels of equal noise measure v and φ̇ separately,
     /// so that the two pairs are usually two filters of two states.
@@ -74,8 +74,8 @@ pub(super) struct Motion {
     pub dy: f32,
 }
 
-/// Rank-one update of column `J` of a factorised matrix by `variance · a aᵀ`. `a` and `variance` become those of the
-/// columns before `J`. Returns β and the ratio of the old to the new diagonal entry.
+/// Rank-one update of column `J` of a factorised matrix by `variance · a aᵀ`. On return `a` and `variance` describe the
+/// rest of the update, for the columns before `J`. Returns β and the ratio of the old to the new diagonal entry.
 fn absorb<const K: usize, const J: usize>(
     factors: &mut Mat<K, K>,
     a: &mut [f32; K],
@@ -110,11 +110,11 @@ impl Covariance {
         coupled: false,
     };
 
-    /// Correlation below which the two pairs of motion states count as independent.
+    /// Correlation below which (v, v̇) and (φ̇, φ̈) count as independent.
     const NEGLIGIBLE: f32 = 1e-6;
 
-    /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose variance is explained
-    /// by later states, up to rounding, gets no variance of its own.
+    /// Factors of a symmetric positive semidefinite matrix, of which the upper triangle is read. A state whose variance
+    /// is explained by later states, up to rounding, gets no variance of its own.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
         let mut rest = matrix.map(|row| row.map(f64::from));
         let mut factors = [[0.0; N]; N];
@@ -135,7 +135,7 @@ impl Covariance {
         Self::from_factors(&factors)
     }
 
-    /// From the factors of the whole matrix: D on the diagonal, U above it.
+    /// Splits the factors of the whole matrix, D on the diagonal and U above it.
     fn from_factors(factors: &Mat<N, N>) -> Self {
         let mut p = Self::ZERO;
         for i in 0..M {
@@ -160,8 +160,8 @@ impl Covariance {
         p
     }
 
-    /// Sets `coupled` if a correlation above `limit` couples the two pairs; otherwise sets the coupling entries to
-    /// zero.
+    /// Sets `coupled` if a correlation above `limit` couples (v, v̇) and (φ̇, φ̈); otherwise sets the coupling entries
+    /// of U to zero.
     fn find_coupling(&mut self, limit: f32) {
         const TIES: [[usize; 2]; 4] = [
             [SPEED, YAW_RATE],
@@ -201,7 +201,7 @@ impl Covariance {
         factors
     }
 
-    /// Entry of D.
+    /// Diagonal entry `i` of D of the whole matrix.
     fn pivot(&self, i: usize) -> f32 {
         match i {
             0..3 => self.own[i][i],
@@ -209,7 +209,7 @@ impl Covariance {
         }
     }
 
-    /// Entry of U: row `i`, column `j`.
+    /// Entry of U of the whole matrix: row `i`, column `j`.
     fn unit(&self, i: usize, j: usize) -> f32 {
         self.wide_unit(i, j) as f32
     }
@@ -339,7 +339,7 @@ impl Covariance {
                 phi[j] += turn[j];
             }
         }
-        // G Φ⁻¹: dependence on the motion after the step.
+        // The rows of G Φ⁻¹: dependence of the posture on the motion after the step.
         for row in &mut self.follow {
             row[ACCELERATION] -= t * row[SPEED];
             row[YAW_ACCELERATION] -= t * row[YAW_RATE];
@@ -399,8 +399,8 @@ impl Covariance {
         (gamma, remaining)
     }
 
-    /// As `add_motion_noise`, for noise that changes motion state `I` by `b` w and `K` > `I` by w, if no other motion
-    /// state is correlated with these two.
+    /// As `add_motion_noise`, for noise that changes motion state `I` by `b` w and `K` > `I` by w, if both are
+    /// uncorrelated with the other motion states.
     fn add_pair_noise<const I: usize, const K: usize>(
         &mut self,
         b: f32,

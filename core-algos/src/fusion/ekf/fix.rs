@@ -20,8 +20,8 @@ pub struct Fix {
 }
 
 impl Fix {
-    /// From the covariance of (x, y, φ) (lower triangle read); `None` unless it is positive
-    /// definite.
+    /// Decorrelates a noise with this covariance of (x, y, φ), of which the lower triangle is read. `None` unless it is
+    /// positive definite.
     pub fn new(covariance: &Mat3) -> Option<Self> {
         let r = covariance;
         let ok = |variance: f32| variance > 0.0 && variance.is_finite();
@@ -56,7 +56,7 @@ impl AxleFilter {
         let z: Vec3 = [posture.x, posture.y, posture.phi];
         let mut innovation = [0.0; 3];
         for i in 0..3 {
-            // z − high first: exact for near values, so that the low part is not lost.
+            // The high part is subtracted first: this difference of near values is exact, so the low part is not lost.
             innovation[i] = (z[i] - state.posture[i].high) - state.posture[i].low;
         }
         innovation[PHI] = wrap_angle(innovation[PHI]);

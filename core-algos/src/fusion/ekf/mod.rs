@@ -16,7 +16,7 @@
 //! [`Config::gate_patience`] such rejections in a row the next measurement is accepted, so that a diverged filter can
 //! recover.
 //!
-//! **Between axles.** [`State::take_increment`] ends an interval for the second tier: it returns the odometric
+//! **Between axles.** [`State::take_increment`] ends an interval for the lead node's fusion: it returns the odometric
 //! posture and takes the covariance added in this interval out of the filter.
 //!
 //! [`Config::build`] validates; after it nothing fails or panics.
@@ -181,8 +181,8 @@ impl Refusals {
         Verdict::Used
     }
 
-    /// Verdict on a scalar measurement. `noise` is the variance of its noise, `predicted` that of its prediction,
-    /// computed only if the noise alone does not decide.
+    /// Verdict on a scalar measurement. `noise` is the variance of its noise. `predicted` computes the variance of its
+    /// prediction, only if `noise` alone does not decide.
     fn scalar_verdict(
         &mut self,
         innovation: f32,
@@ -193,7 +193,7 @@ impl Refusals {
     ) -> Verdict {
         let square = innovation * innovation;
         let nis = || {
-            // Upper bound of the NIS: that of an exact prediction.
+            // Upper bound of the NIS: its value if the prediction were exact.
             let most = square / noise;
             match gate {
                 Some(gate) if most <= gate => most,
@@ -247,7 +247,7 @@ pub struct State {
     covariance: Covariance,
     /// Number of the last step within the upkeep period.
     upkeep: u8,
-    /// Rejected samples so far.
+    /// Numbers of samples rejected since the start.
     pub counters: Counters,
 }
 
@@ -260,7 +260,7 @@ impl Default for State {
 }
 
 impl State {
-    /// At rest at a known posture; `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
+    /// State of an axle at rest at a known posture. `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
     pub fn at_rest(start: &Estimate, speed_sigmas: [f32; 4]) -> Self {
         let mut covariance = [[0.0; N]; N];
         for i in 0..3 {
@@ -275,8 +275,8 @@ impl State {
         Self::from_parts([p.x, p.y, p.phi, 0.0, 0.0, 0.0, 0.0], &covariance)
     }
 
-    /// From all seven states and a full covariance, which should be symmetric and positive
-    /// definite; its upper triangle is read.
+    /// State from all seven values and their covariance, which should be symmetric and positive definite; its upper
+    /// triangle is read.
     pub fn from_parts(x: [f32; N], covariance: &Mat<N, N>) -> Self {
         Self {
             posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from),
@@ -342,7 +342,7 @@ impl State {
         }
     }
 
-    /// Corrects the motion states by `change` and the posture by its dependence on them.
+    /// Corrects the motion states by `change`, and the posture by G times `change`.
     fn correct(&mut self, change: &[f32; M]) {
         self.advance(self.covariance.follow(change));
         for k in 0..M {
@@ -350,13 +350,13 @@ impl State {
         }
     }
 
-    /// Ends an interval for the second tier. Returns the odometric posture, which continues across intervals, and the
-    /// covariance added in this interval (errors along and across the heading, in heading).
+    /// Ends an interval between two increments for the lead node. Returns the odometric posture, which continues across
+    /// intervals, and the covariance added in this interval (errors along and across the heading, in heading).
     ///
     /// The posture's error has two parts. One follows the errors of speed and acceleration; later measurements still
     /// reduce it. The other, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ, is permanent and independent from interval to interval; it is taken
-    /// out of the filter here. So the filter goes on smoothing across intervals, the sum of all increments carries
-    /// the whole uncertainty, and the covariance stays in the range of `f32`.
+    /// out of the filter here. So the filter goes on smoothing across intervals, the sum of all increments carries the
+    /// whole uncertainty, and the covariance stays in the range of `f32`.
     ///
     /// Meant for an axle without posture fixes: a fix moves the posture, not the odometry.
     pub fn take_increment(&mut self) -> Estimate {
@@ -369,7 +369,7 @@ impl State {
 }
 
 impl AxleFilter {
-    /// One period: motion model, then the measurements.
+    /// Runs one period: motion model, then update by the measurements.
     #[inline]
     pub fn step(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
         let by = self.move_on(state);
@@ -388,7 +388,7 @@ impl AxleFilter {
         state.advance(by);
     }
 
-    /// Time update of all but the posture; returns the posture's displacement.
+    /// Time update of all states except the posture; returns the posture's displacement.
     #[inline(always)]
     fn move_on(&self, state: &mut State) -> [f32; 3] {
         let t = self.t;

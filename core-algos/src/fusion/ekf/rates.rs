@@ -47,7 +47,7 @@ impl Reduction {
         }
     }
 
-    /// True if the second measurement depends on v too (c ≠ 0).
+    /// True if the measurement of φ̇ − c v depends on v (c ≠ 0).
     pub(super) fn couples(&self) -> bool {
         self.coupling != 0.0
     }

@@ -58,7 +58,7 @@ impl Reference {
     }
 
     fn predict(&mut self) {
-        // Jacobian by central differences: independent of any derivative written by hand.
+        // The Jacobian comes from central differences, independent of any derivative written by hand.
         let mut a = [[0.0; 7]; 7];
         let h = 1e-4;
         for k in 0..7 {
@@ -161,7 +161,7 @@ fn pair(
     (filter, fix, State::from_parts(x0, &p0), reference)
 }
 
-/// Largest pose error and largest normalised covariance error.
+/// Largest error of a posture component (m or rad), and largest normalised covariance error.
 fn errors(state: &State, reference: &Reference) -> (f64, f64) {
     let p = state.covariance().matrix();
     let posture = state.precise_posture();
@@ -282,8 +282,8 @@ fn equals_the_textbook_filter() {
     }
 }
 
-/// Noise as densities and wheels of equal noise: speed and yaw rate are two separate filters. A lost wheel couples
-/// them until some time after it returns.
+/// With noise given as densities and wheels of equal noise, speed and yaw rate are two separate filters. A lost wheel
+/// measurement couples them until some time after its return.
 #[test]
 fn equals_the_textbook_filter_with_speed_and_yaw_rate_separate() {
     let noise = Densities {
@@ -326,7 +326,7 @@ fn equals_the_textbook_filter_with_speed_and_yaw_rate_separate() {
         let mut random = Random::new(23);
         let mut coupled = [0, 0];
         for step in 1..=2000 {
-            // Losses end, so that the coupling can decay.
+            // Measurements are lost only before step 300, so that the coupling can decay.
             let loss = if step < 300 { loss } else { 0.0 };
             let z = drive(&mut random, step as f64 * t, sigmas, loss);
             filter.step(&mut state, &z);
@@ -390,7 +390,7 @@ fn positive_definite_over_a_million_steps_with_and_without_fixes() {
 
 #[test]
 fn position_and_heading_keep_their_digits_over_a_million_steps() {
-    // Motion model alone, on a circle of many turns.
+    // Only the motion model runs, on a circle of many turns.
     let filter = node_filter(false);
     let (v, omega) = (0.3f32, 0.41f32);
     let mut state = State::from_parts(
@@ -401,7 +401,7 @@ fn position_and_heading_keep_their_digits_over_a_million_steps() {
     for _ in 0..1_000_000 {
         filter.predict(&mut state);
     }
-    // Equal chords of a regular polygon: the sum of a geometric series of rotations.
+    // The positions are those of a regular polygon with equal chords: the sum of a geometric series of rotations.
     let (turn, n) = (omega * t, 1e6);
     let radius = v * t / (2.0 * (turn / 2.0).sin());
     let (first, last) = (0.5f32 as f64, 0.5 + n * turn);
@@ -522,7 +522,8 @@ fn outlier_is_gated_and_a_persistent_deviation_is_accepted() {
         let mut refused = state;
         refused.counters = plain.counters;
         assert_eq!(refused, plain);
-        // One accepted sample clears the count of rejections in a row; then patience runs out.
+        // One accepted sample resets the number of rejections in a row; then the filter rejects as many as its patience
+        // allows.
         filter.step(&mut state, &rest);
         let verdicts: Vec<_> = (0..=patience)
             .map(|_| verdict(filter.step(&mut state, &spike)))
@@ -579,7 +580,7 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
             );
         }
     }
-    // A displacement of more than half a turn wraps.
+    // The heading wraps after a displacement of more than half a turn.
     let mut state = start();
     state.advance([1.0, 0.0, 0.0]);
     state.advance([3e-8, 0.0, 20.0]);
@@ -727,9 +728,9 @@ fn configuration_is_checked() {
     }
 }
 
-/// Steering accelerates an axle from rest at 36 rad/s², the largest value seen in hours of driving. At most two
-/// samples of wheels and gyro are gated, with gyro noise as configured. The same holds at 54 rad/s² with a fifth of
-/// that noise. The heading does not lag.
+/// Steering accelerates an axle from rest at 36 rad/s², the largest value seen in hours of driving. At most two samples
+/// of wheels and gyro are gated, and the heading does not lag: with the configured gyro noise, and at 54 rad/s² with a
+/// fifth of this noise.
 #[test]
 fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
     let run = |yaw_jerk_rad_s3_per_sqrt_hz: f32, acceleration: f64, noise: f64, seed: u64| {
@@ -744,7 +745,7 @@ fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
         let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
         let mut state = State::at_rest(&start, [1e-3; 4]);
         let mut random = Random::new(seed);
-        // Yaw rate: from rest up to 1 rad/s and back.
+        // The yaw rate rises from rest to 1 rad/s and falls back.
         let rate = |t: f64| {
             let (up, down) = ((t - 0.5) * acceleration, (1.0 - t) * acceleration);
             up.min(down).clamp(0.0, 1.0)

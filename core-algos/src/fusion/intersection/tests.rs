@@ -214,7 +214,7 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    // A posture that is not finite is refused even if the fused estimate would be the other input alone.
+    // An estimate with a posture that is not finite is refused, even if its weight would be 0.
     for (criterion, size) in [Criterion::Determinant, Criterion::Trace]
         .into_iter()
         .flat_map(|criterion| [0.01, 1.0, 100.0].map(|size| (criterion, size)))

@@ -18,7 +18,8 @@ impl Robot {
         }
     }
 
-    /// Moves by `ds` along the line and turns the headings by `turn`. Returns the advance of the wheels.
+    /// Moves both axles by `ds` along the line between them and turns their headings by `turn`. Returns the advance of
+    /// the wheels.
     fn step(&mut self, ds: f64, turn: [f64; 2]) -> [f64; 4] {
         let mut wheels = [0.0; 4];
         let line = (self.axles[0][1] - self.axles[1][1]).atan2(self.axles[0][0] - self.axles[1][0]);
@@ -46,7 +47,7 @@ fn turns(k: usize) -> [f64; 2] {
     [w, -w]
 }
 
-/// One step by the advances of the wheels and the measured relative posture.
+/// Runs one interval with the advances of the wheels and the measured relative posture `link`.
 fn advance(ipec: &Ipec, state: &mut State, wheels: [f64; 4], link: Pose) {
     let wheels = wheels.map(|x| x as f32);
     ipec.step(state, &wheels, &narrow(link)).unwrap();
@@ -64,7 +65,7 @@ fn exact_measurements_keep_the_exact_postures() {
     for (posture, truth) in state.postures().into_iter().zip(robot.axles) {
         let found: [f32; 3] = posture.into();
         let error = relative(found.map(f64::from), truth);
-        // 5 m; the midpoint rule is exact here, so what remains is rounding.
+        // After 5 m. The midpoint rule is exact here, so the error is rounding alone.
         assert!(error.iter().all(|e| e.abs() < 2e-5), "{error:?}");
     }
 }
@@ -77,7 +78,7 @@ fn bumps_turn_the_odometry_but_not_the_corrected_heading() {
     let (mut odometry, mut random) = (0.0, Random::new(1));
     for k in 0..4000usize {
         let mut d = robot.step(0.0025, turns(k));
-        // Ten bumps: the left front wheel runs 2.5 mm further than the axle.
+        // In ten steps a bump makes the left front wheel run 2.5 mm further than its axle.
         if k % 400 == 200 {
             d[0] += 2.5e-3;
         }
@@ -229,7 +230,7 @@ fn weigh_returns_the_mean_by_inverse_variance() {
     );
 }
 
-/// Only the axles' own headings have a variance. The variances are exact in binary, and so are the bounds.
+/// Only the axles' own headings have a variance. The variances and the bounds of the gate are exact in binary.
 #[test]
 fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
     let config = Config {

@@ -81,7 +81,8 @@ impl Config {
             sliding: 2.0 * half_track * self.friction * wheel_load / moment,
         };
         let compliance = tyres.compliance * tyres.compliance;
-        // Mean of an axle's two tyres, then mean or half the difference of two axles: a quarter of the variance.
+        // A compliance state is the mean, or half the difference, of two axles with two tyres each: a quarter of the
+        // variance of one tyre.
         let of_tyres = 0.25 * variance!(tyre_slip_sigma);
         let mut prior = [0.0; constants::COUNT];
         let mut walk = [0.0; constants::COUNT];
@@ -109,7 +110,7 @@ impl Config {
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
         let backlash = variance!(play_sigma_m);
         let constancy_s = in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?;
-        // A constant with a random walk may walk for the time constant of the other constants.
+        // The limit of a constant with a random walk includes its walk over the time `constancy_s`.
         let mut per_limit = [0.0; constants::COUNT];
         for (k, per_limit) in per_limit.iter_mut().enumerate() {
             let sigma = sqrt(prior[k] + walk[k] * (constancy_s / t));

@@ -5,8 +5,9 @@ use crate::fusion::constants::{
     COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, SCALE, SIDE, TURN, UNEVEN, ZERO,
 };
 
-/// Limit of a constant in prior standard deviations; beyond this limit the sensor is inconsistent. In simulations of
-/// two worlds, 400 sound robots stayed below 3.5 over 3 m, and 50 over 20 m. In hours of driving one robot reached 4.6.
+/// Limit of a constant error in prior standard deviations; beyond this limit the sensor is inconsistent. In simulations
+/// of two worlds, 400 sound robots stayed below 3.5 over 3 m, and 50 over 20 m. In hours of driving one robot reached
+/// 4.6.
 pub(super) const SIGMAS: f32 = 4.0;
 
 /// Part of the robot that the other sensors contradict.

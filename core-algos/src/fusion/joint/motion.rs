@@ -5,21 +5,21 @@ use crate::fusion::constants;
 use crate::math::Posture;
 use crate::math::matrix::{Mat, Mat3};
 
-/// Derivatives of the error of an axle's increment.
+/// Derivatives of the error of an axle's odometric increment.
 pub(super) struct IncrementError {
     pub(super) by_constants: Mat<3, { constants::COUNT }>,
     pub(super) by_heading: [f32; 3],
 }
 
 impl IncrementError {
-    /// Error of the increment for given errors of the states, from the few nonzero derivatives.
+    /// Error of the increment due to errors of the states; only nonzero derivatives are summed.
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
         let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
         core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
     }
 }
 
-/// Linear part of a tick's motion (F), without the rows of states that stay.
+/// Linear part of a tick's motion (F); states that do not change have no row here.
 pub(super) struct Motion {
     pub(super) front_error: IncrementError,
     pub(super) rear_error: IncrementError,
@@ -38,7 +38,7 @@ impl Motion {
         let rear = self.rear_error.of::<1>(states);
         let [x, y, phi, ahead, aside, turned, ..] = *states;
         let mut moved = [0.0; 6];
-        // The last row of each matrix is that of a rotation: it passes the heading error on.
+        // The loop leaves out the last row of each matrix, (0, 0, 1), which keeps the heading error.
         for i in 0..2 {
             moved[i] = row_times_column(&self.by_rear[i], &[x, y, phi])
                 + row_times_column(&self.turn_back[i], &rear);

@@ -46,7 +46,7 @@ fn error_by_leaves_out_only_zero_derivatives() {
     }
 }
 
-/// The error of a state against another, in the filter's own error coordinates.
+/// Error of the state `at` relative to the state `of`, in the filter's error coordinates.
 fn error(at: &State, of: &State) -> [f64; N] {
     let e = at.rear.relative_to(of.rear);
     let r = at.relative.minus(of.relative);
@@ -346,8 +346,8 @@ const BODIES: [fn(&State) -> Estimate; 3] = [
     |state| state.estimates().robot,
 ];
 
-/// Drives forward and back with a constant shape and an extra turn of `turn` per metre. Also returns the rear axle's
-/// true posture on a floor that displaces it by `by` per metre.
+/// Drives forward and back with a constant bend of the frame and an extra turn of `turn` per metre. Also returns the
+/// rear axle's true posture on a floor that displaces it by `by` per metre.
 fn drive([steady, floor_drift]: [f32; 2], turn: f32, by: [f32; 2]) -> (State, Posture) {
     let config = Config {
         steady_turn_sigma_rad_per_m: steady,
@@ -436,7 +436,7 @@ fn inconsistent_sensor_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Inco
     joint.inconsistent_sensor(&state)
 }
 
-/// Constants in units of their limit; pairs count by sum and difference over √2.
+/// Sets constants in units of their limit. The constants of front and rear count by sum and difference over √2.
 #[test]
 fn constant_furthest_beyond_its_limit_names_the_part() {
     let (mut joint, mut state) = start();
@@ -552,7 +552,7 @@ fn priors_walks_limits_and_tyres_follow_from_the_configuration() {
         assert!(alike(joint.per_limit[k], per_limit), "{k}");
     }
     assert!(alike(joint.tyres.compliance, compliance) && alike(joint.tyres.sliding, sliding));
-    // 1 − T/constancy in f32.
+    // `kept` is 1 − T/constancy, rounded to `f32`.
     assert!((f64::from(1.0 - joint.kept) - period / constancy).abs() < 1e-7);
     for (constancy_s, allowed) in [(5.0f32, true), (5.0f32.next_down(), false), (1e7, true)] {
         let config = Config {

@@ -22,22 +22,22 @@ declare! {
 declare! {
     /// Slip of an axle that its wheels do not measure, as random walks.
     pub struct Slip {
-        /// Slip along the heading.
+        /// Slip along the heading that grows with distance.
         pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
-        /// Slip across the heading.
+        /// Slip across the heading that grows with distance.
         pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
         /// Slip across the heading, per radian of relative heading: tyres slip under the side force as long as a turn
         /// lasts.
         pub side_m_per_sqrt_m: f32 = 1e-3, "m/√m/rad": NonNegative;
-        /// Slip in heading.
+        /// Slip in heading that grows with distance.
         pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
-        /// Slip in heading, at any speed.
+        /// Slip in heading that grows with time, at any speed.
         pub heading_rad_per_sqrt_s: f32 = 2e-4, "rad/√s": NonNegative;
-        /// Slip in heading over time, per radian of relative heading.
+        /// Slip in heading that grows with time, per radian of relative heading.
         pub creep_per_sqrt_s: f32 = 2e-3, "rad/√s/rad": NonNegative;
-        /// Slip in heading over distance, per radian of relative heading.
+        /// Slip in heading that grows with distance, per radian of relative heading.
         pub creep_per_sqrt_m: f32 = 5e-3, "rad/√m/rad": NonNegative;
-        /// Slip in position, at any speed.
+        /// Slip in position that grows with time, at any speed.
         pub position_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
         /// Speed at which an axle slips under the load of the frame in a mode without the beam; in heading this speed
         /// over half the track. Constant throughout a drive.
@@ -47,7 +47,7 @@ declare! {
 }
 
 declare! {
-    /// Parameters of the second tier.
+    /// Parameters of the fusion of both axles and the beam.
     pub struct Config {
         /// Fusion method.
         pub mode: Mode = Mode::Joint;
@@ -80,7 +80,7 @@ declare! {
 }
 
 impl Config {
-    /// Builds the second tier; an error names the parameter out of range.
+    /// Builds the fusion; an error names the parameter out of range.
     pub fn build(&self) -> Result<RobotFusion, ConfigError> {
         self.check_ranges()?;
         self.slip.check_ranges()?;

@@ -4,12 +4,12 @@ use super::{Increment, REFERENCE_TIME_S, REFERENCE_WAY_M, RobotFusion};
 use crate::fusion::{Estimate, constants};
 use crate::math::RelativeHeading;
 
-/// An increment with slip.
+/// An odometric increment with the variance of slip added.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slipping {
-    /// Increment, with its covariance along, across and in the heading reached.
+    /// Increment. Its covariance lies along and across the heading at its end, and in heading.
     pub(super) estimate: Estimate,
-    /// Variance of the heading change, with constant errors as random walks.
+    /// Variance of the heading change; constant errors count as random walks.
     pub(super) heading_variance: f32,
     pub(super) advance: f32,
     pub(super) ticks: f32,

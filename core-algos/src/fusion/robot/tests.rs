@@ -39,7 +39,7 @@ fn rest() -> Increment {
     Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
 }
 
-/// The same increment for both axles.
+/// Inputs with the increment `moved` of both axles.
 fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
     Inputs {
         front: Some(moved),
@@ -166,7 +166,8 @@ fn lost_increment_is_covered_by_the_next_increment() {
     }
 }
 
-/// The random errors of joined axles may be fully correlated: twice the independent covariance.
+/// The random errors of axles that the beam has updated may be fully correlated, so twice the independent covariance is
+/// claimed.
 #[test]
 fn joined_axles_claim_twice_the_independent_covariance() {
     let exact = |posture| Estimate::new(posture, [[0.0; 3]; 3]);
@@ -214,7 +215,7 @@ fn pose(posture: Posture) -> Pose {
     <[f32; 3]>::from(posture).map(f64::from)
 }
 
-/// O of two axles.
+/// Posture of O from the postures of both axles.
 fn middle(front: Pose, rear: Pose) -> Pose {
     let (x, y) = (front[0] - rear[0], front[1] - rear[1]);
     [
@@ -249,7 +250,7 @@ fn slipping(mode: Mode) -> Config {
     }
 }
 
-/// Standard deviations of the constants in the modes that do not estimate them.
+/// Standard deviations of the constant errors in the modes that do not estimate them.
 fn unlearnt_sigmas(config: &Config) -> [f64; constants::COUNT] {
     let joint = config.joint.build(config.period_s).unwrap();
     let mut sigmas = joint.prior_sigmas().map(f64::from);
@@ -337,11 +338,11 @@ enum Disturbance {
     Floor([f64; 2]),
     /// Errors of every increment of front and rear, in the start frame of the increment.
     Steady([Pose; 2]),
-    /// Error of the increment of a step and axle, in its end frame.
+    /// Error of one increment, in its end frame: step, axle and error.
     Noise(usize, usize, Pose),
 }
 
-/// Compares odometry with the same drive in `f64`, disturbed by one error at a time: start, noise, constants, load,
+/// Compares odometry with a drive in `f64` that is disturbed by one error at a time: start, noise, constants, load,
 /// floor.
 #[test]
 fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
@@ -492,7 +493,8 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
         };
         let by = [0, 1].map(derivative);
         let by_beam = constants::beam_by_constants(posture);
-        // True less estimated relative posture; the constants of the beam add to the beam's reading.
+        // Effect of constant `k` on component `i` of the true less the estimated relative posture. The constants of the
+        // beam add to the beam's reading.
         let owed = |i: usize, k: usize| -> f64 {
             let of_axles =
                 (0..6).map(|n| by[n / 3][i][n % 3] * f64::from(before[n / 3].constants[n % 3][k]));

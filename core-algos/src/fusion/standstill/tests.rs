@@ -119,7 +119,7 @@ fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measure
             assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits));
         }
     }
-    // The variance stops growing at that of an unknown bias, (0.5/√3)².
+    // The variance grows up to that of an unknown bias, (0.5/√3)².
     let fast = Config {
         walk_per_sqrt_s: 1.0,
         largest_sigma: 0.29,
@@ -145,7 +145,7 @@ fn bias_measured_too_long_ago_withholds_readings_until_it_is_measured_again() {
     let zeroing = config.build(PERIOD).unwrap();
     let mut bias = Bias::default();
     for _ in 0..10_000 {
-        // Bias never measured: taken as 0, as after calibration.
+        // A bias that was never measured is taken as 0, as after calibration.
         assert_eq!(zeroing.step(&mut bias, false, Some(0.2)), Some(0.2));
     }
     for _ in 0..1000 {

@@ -184,7 +184,8 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     };
     let beam: beam::Samples = [0; MAX_GAUGES].into();
     let (tick, total, offset) = (0, 0, 0);
-    // Request; replies with motors off, braking and driven; true if only the front board takes it; demand.
+    // Columns: request; replies with motors off, braking and driven; true if only the front board takes the request;
+    // demand.
     let mut rows = vec![
         (
             Request::Rig,

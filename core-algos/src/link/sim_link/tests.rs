@@ -31,7 +31,7 @@ fn invalid_request_is_refused_with_its_reason() {
     let role = Role::LEAD;
     host.refused(&beam, Refusal::OtherBoard { role });
 
-    // Configuration: parts out of order, wrong checksum, undecodable, out of range.
+    // The configuration is refused if parts are out of order, its checksum is wrong, it is undecodable or out of range.
     let configure = |total, offset, bytes| Request::Configure {
         total,
         offset,
@@ -100,7 +100,7 @@ fn board_resumes_at_the_given_tick() {
         assert_eq!(torque_nm, expected.torque_nm);
         assert_eq!(protocol::unpack(bus).count(), outbox.iter().count());
     }
-    // Time does not go back.
+    // A tick before the expected one is refused.
     let expected = 900;
     host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
 }
@@ -180,7 +180,7 @@ fn restarted_nodes_send_no_output_of_the_previous_nodes() {
         Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
         other => panic!("{other:?}"),
     };
-    // Tick of the first output, which takes several replies.
+    // Tick of the lead node's first output, which is sent in several replies.
     let mut tick = 0;
     while part(&host.request(&axle(tick, &[]))) == 0 {
         tick += 1;

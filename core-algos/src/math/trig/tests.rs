@@ -13,7 +13,7 @@ fn sin_cos_is_within_1e_7_of_f64() {
     assert!(worst < 1e-7, "{worst:e}");
 }
 
-/// Points of a dense grid over [−limit, limit] and, between them, as many at random.
+/// Points of a dense grid over [−limit, limit], and as many random points between them.
 fn points(limit: f32) -> impl Iterator<Item = f32> {
     let mut random = crate::fusion::testing::Random::new(17);
     (-200_000..=200_000i32).flat_map(move |i| {
@@ -64,7 +64,7 @@ fn atan2_is_within_5e_7_of_f64() {
     let mut random = crate::fusion::testing::Random::new(5);
     let mut worst = 0.0f64;
     for i in 0..2_000_000 {
-        // All directions; lengths of many orders of magnitude.
+        // The vectors have all directions, and lengths of many orders of magnitude.
         let length = 10f64.powf(60.0 * random.uniform() - 30.0);
         let direction = if i % 2 == 0 {
             core::f64::consts::TAU * random.uniform()

@@ -9,7 +9,7 @@ use crate::time::TICK;
 
 /// Gap at the rim of a wheel, one standard deviation, m: 0.24° of a wheel with a radius of 73 mm.
 const GAP_M: f32 = 3e-4;
-/// Torque above which a flank is pushed, N m, after a low-pass of 3 ms.
+/// Magnitude of the low-passed torque (3 ms) above which the gear moves through its gap to a flank, N m.
 const PUSH_NM: f32 = 0.01;
 const LAG_GAIN: f32 = TICK as f32 / 3e3;
 /// Share of the gap that is crossed in a tick: 30 ms for the whole gap.
@@ -21,12 +21,12 @@ pub(super) struct Backlash {
     torque: f32,
     /// Position in the gap, from -0.5 (the flank that drives backward) to 0.5; 0 if unknown.
     flank: f32,
-    /// Distance crossed in the gap since the variance was taken, as a share of the gap.
+    /// Distance crossed in the gap since the last [`Self::take_variance`], as a share of the gap.
     crossed: f32,
 }
 
 impl Backlash {
-    /// One tick with this torque, N m.
+    /// Runs one tick with the commanded torque of the wheel, N m.
     pub(super) fn step(&mut self, torque_nm: f32) {
         self.torque += (torque_nm - self.torque) * LAG_GAIN;
         if self.torque.abs() > PUSH_NM {
@@ -70,7 +70,7 @@ mod tests {
             (0..ticks).for_each(|_| backlash.step(torque));
             backlash.take_variance() / (GAP_M * GAP_M)
         };
-        // From the middle to a flank: the position is unknown at the start.
+        // The gear moves from the middle to a flank, because its position is unknown at the start.
         assert!((run(0.1, 60) - 0.5).abs() < 1e-5);
         assert_eq!(run(0.4, 500), 0.0);
         assert_eq!(run(0.0, 500), 0.0);

@@ -12,7 +12,7 @@ use crate::time::Micros;
 use crate::topology::{AxleId, Topology};
 
 declare! {
-    /// Speed the controller uses.
+    /// Source of the speed that the controller uses.
     pub enum SpeedSource, default Wheels {
         /// The tracking observers of the wheels: least lag.
         Wheels = "wheels",
@@ -28,7 +28,7 @@ declare! {
         pub reference_timeout_s: f32 = layout::timeout_s(layout::id::REFERENCE_POSTURE), "s": Range(0.01, 1.0);
         /// Age of a wrench from the beam after which it is no longer used.
         pub wrench_timeout_s: f32 = layout::timeout_s(layout::id::BEAM_WRENCH), "s": Range(0.01, 1.0);
-        /// Speed the controller uses.
+        /// Source of the speed that the controller uses.
         pub speed_source: SpeedSource = SpeedSource::Wheels;
         /// Wheel observers.
         pub wheel: wheel_observer::Config = wheel_observer::Config::default();

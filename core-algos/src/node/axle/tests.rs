@@ -104,7 +104,7 @@ fn odometry_follows_an_arc() {
             &turned([3.0 * rotation, 4.0 * rotation]),
         );
     }
-    // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
+    // Wheels at 0.219 and 0.292 m/s that are 0.324 m apart drive an arc of radius 1.134 m.
     let (v, omega) = (0.2555f64, 0.073 / 0.324);
     let phi = omega * 4.0;
     let expected = [v / omega * phi.sin(), v / omega * (1.0 - phi.cos()), phi];
@@ -313,7 +313,7 @@ fn refused_measurements_are_counted() {
         step(&mut reported, tick * TICK, &still());
     });
     assert_eq!(reported.state.refused, 0, "reported at 60 ms");
-    // A wheel that is too fast for its filter, and a wheel whose count jumps.
+    // A wheel is too fast for its filter, then the count of a wheel jumps.
     for side in 0..2 {
         let mut occurred = [false; 2];
         for counts in (0..4000).step_by(20) {
@@ -412,7 +412,8 @@ fn load_of_a_middle_axle_is_that_of_both_frames() {
     assert!(!lost(&node));
 }
 
-/// Constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent frame.
+/// Reference: mechanics with constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent
+/// frame.
 #[test]
 fn reference_twist_and_load_follow_from_mechanics() {
     let near = |found: f32, expected: f32| assert!((found - expected).abs() < 2e-6, "{found}");
@@ -442,7 +443,7 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
     let mut reference = AxleReference::default();
     let ticks = (1..2000).find(|tick| {
         reference = node.brake();
-        // 0.2 s to slow down and 0.1 s of rest; then the hold fades over 0.75 s.
+        // The axle slows down for 0.2 s and rests for 0.1 s; then the hold fades over 0.75 s.
         let hold = (1.0 - (0.001 * f64::from(*tick) - 0.3) / 0.75).clamp(0.0, 1.0);
         let found = node.state.stop.unwrap().hold;
         assert!((f64::from(found) - hold).abs() < 2e-3, "{tick}: {found}");

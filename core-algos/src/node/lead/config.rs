@@ -21,7 +21,7 @@ declare! {
         /// Longest time for which the motors hold the robot in place, before or after a drive; then they are switched
         /// off until the next command.
         pub hold_s: f32 = 60.0, "s": Range(0.1, 3600.0);
-        /// Second tier of fusion.
+        /// Fusion of both axles and the beam.
         pub fusion: robot::Config = robot::Config::default();
         /// Posture regulation.
         pub regulator: regulator::Config = regulator::Config::default();

@@ -46,7 +46,7 @@ pub(super) fn step(
 mod tests {
     use super::*;
 
-    /// A distance long enough for the whole difference removes it, and no more.
+    /// Over a distance that allows a larger correction, `odom` moves by the whole difference and no further.
     #[test]
     fn odom_never_goes_beyond_map() {
         let last = Posture::new(0.0, 0.0, 0.0);

@@ -141,7 +141,7 @@ impl State {
         Some(&mut self.tracks.get_mut(axle.index())?.report)
     }
 
-    /// The pair with a frame between its axles; `None` for a frame that the robot does not have.
+    /// The pair of axles that a frame joins; `None` for a frame that the robot does not have.
     fn pair(&mut self, frame: FrameId) -> Option<&mut Pair> {
         self.pairs.get_mut(frame.index())
     }

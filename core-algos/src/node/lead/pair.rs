@@ -17,12 +17,12 @@ use crate::time::{EPOCH, Micros, Stamped};
 /// Age in epochs up to which a measurement of the frame is used.
 const BEAM_EPOCHS: Micros = 3;
 
-/// The two axles of a pair, front first, from a list of all axles.
+/// The two axles of a pair of neighbouring axles, front first, from a list of all axles.
 pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
     [&axles[pair], &axles[pair + 1]]
 }
 
-/// State of one pair.
+/// State of a pair of neighbouring axles and the frame between them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Pair {
     /// Latest posture of the frame's tip, as seen from its root.
@@ -140,7 +140,7 @@ pub(super) struct Fused {
 }
 
 impl Fused {
-    /// The robot: midpoint O and its heading.
+    /// Estimate of the robot's posture: midpoint O and its heading.
     pub(super) fn robot(&self) -> &Estimate {
         let [pair] = &self.pairs;
         &pair.robot

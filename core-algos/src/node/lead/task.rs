@@ -10,7 +10,7 @@ use crate::math::Posture;
 pub struct Placement {
     /// Posture of the midpoint.
     pub center: Estimate,
-    /// Front axle in the rear axle's frame.
+    /// Posture of the front axle in the rear axle's frame.
     pub relative: Estimate,
     /// Displacement of the robot by the floor per metre rolled, standard deviation along each of the floor's axes.
     pub floor_drift: f32,

@@ -186,7 +186,7 @@ fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
     node.state.pairs[0].used = None;
     let measurement = node.state.pairs[0].measurement(2 * EPOCH, tracks).unwrap();
     let turned = measurement.value.covariance;
-    // (b - a) / 2 and (a + b) / 2 of the variances a and b.
+    // Variances a and b along the old axes, turned by 45°: covariance (b − a)/2, variances (a + b)/2.
     for (value, expected) in [
         (turned[0][1], 1e-9),
         (turned[0][0], 2e-9),
@@ -361,7 +361,7 @@ fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
     assert!((0.0..NIS_LIMIT).contains(&node.state.pairs[0].nis));
 }
 
-/// Limits: coordinates of 100 km, standard deviations of 1 km, a floor drift of 1.
+/// The limits are coordinates of 100 km, standard deviations of 1 km (or rad), and a floor drift of 1.
 #[test]
 fn start_place_is_sound_within_its_ranges() {
     let sound = RobotConfig::default().placement(Posture::ORIGIN, &Default::default());
@@ -447,7 +447,7 @@ fn estimate_waits_for_an_axle_that_is_late_by_an_epoch() {
         }
         let epochs = node.state.tracks.map(|track| track.odometry.unwrap().time);
         assert_eq!(epochs, [4 * EPOCH; 2], "{late:?}");
-        // The same epoch again is no motion.
+        // An advance to the same epoch is no motion.
         let again = node.state.tracks[0].advance(4 * EPOCH);
         assert_eq!(again, track::Advance::Unknown);
         let mut report = node.state.tracks[0].report;
@@ -587,7 +587,7 @@ fn a_drive_begins_with_the_bend_of_the_frame() {
 fn goal_with_a_wide_95_percent_error_is_uncertain() {
     let mut node = node();
     let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
-    // Tolerances of 10 cm and 0.0873 rad; 95 % are 2.448 and 1.960 standard deviations.
+    // The tolerances are 10 cm and 0.0873 rad; the 95 % errors are 2.448 and 1.960 standard deviations.
     let cases = [
         ([0.040, 0.01], 0.0, true),
         ([0.042, 0.01], 0.0, false),
@@ -607,7 +607,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
     }
 }
 
-/// Limits: 25 N, 6 N m, 5 m and 0.5 rad.
+/// The default limits are 25 N, 6 N m, 5 m and 0.5 rad.
 #[test]
 fn wrench_and_uncertainty_beyond_their_limits_are_detected() {
     let limits = Limits::default();

@@ -50,7 +50,7 @@ impl AxleReport {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
 
-/// Epochs that are kept.
+/// Number of epochs that are kept.
 pub(super) const EPOCHS: usize = 8;
 
 impl<T> Default for Recent<T> {
@@ -72,7 +72,8 @@ impl<T: Copy> Recent<T> {
     }
 
     fn place(time: Micros) -> usize {
-        // A division of 64 bits takes 2 µs on a board; where 32 bits wrap, a value is lost.
+        // Only 32 bits are divided, because a division of 64 bits takes 2 µs on a board. Where they wrap, a value is
+        // lost.
         (time as u32 / EPOCH as u32) as usize % EPOCHS
     }
 }
@@ -89,7 +90,7 @@ pub(super) enum Advance {
 }
 
 impl Advance {
-    /// The increment; `None` without a new report. A restarted axle is given the motion of the `other` axle, with the
+    /// The increment; `None` without a new report. A restarted axle gets the motion of the `other` axle, with the
     /// uncertainty [`RESTART_SIGMAS`].
     pub(super) fn increment(&self, other: &Self) -> Option<Increment> {
         match (self, other) {
@@ -162,7 +163,7 @@ impl AxleTrack {
         if uptime < span {
             return Advance::Restarted { ticks };
         }
-        // The second tier adds slip, so the covariance is not zero even if none was reported.
+        // The fusion adds slip, so the covariance is not zero even if none was reported.
         let covariance = self.report.uncertainty.map_or([[0.0; 3]; 3], |u| u.value);
         Advance::Moved(Increment {
             posture: between(last.value, latest.value),

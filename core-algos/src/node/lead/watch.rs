@@ -52,7 +52,7 @@ use crate::topology::Node;
 /// Relative heading up to which the wrench of the strip is not used.
 const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
 
-/// Conditions of a pair whose estimate may be wrong.
+/// Conditions in which the estimate of a pair of axles may be wrong.
 const INCONSISTENT: Conditions = Conditions::NONE
     .with(Condition::WheelsInconsistent, true)
     .with(Condition::GaugesInconsistent, true)
@@ -161,11 +161,11 @@ impl LeadNode {
             .with(Condition::PathLost, self.path_task.is_lost())
     }
 
-    /// Conditions of a pair with this estimate.
+    /// Conditions of a pair of neighbouring axles; `fused` is the estimate of the pair.
     fn watch_pair(&self, now: Micros, pair: &Pair, fused: Option<&robot::Output>) -> Conditions {
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let beam = pair.posture.filter(|posture| fresh(posture.time));
-        // The beam's measurement first; without one, the estimates of the axles.
+        // The bend is that of the beam's measurement, or of the axles' estimates if there is no measurement.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
             .or(fused.map(robot::Output::relative_heading));

@@ -207,8 +207,8 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
     assert!(last.done && last.governor_input.is_none());
 }
 
-/// Epochs, of 400, until the task requests no motion, and until it reports a robot that does not move, for a robot
-/// held at `at`.
+/// Holds a robot at `at` for 400 epochs. Returns the number of epochs until the task requests no motion, and until it
+/// reports a robot that does not move; 400 for never.
 fn held(at: Posture) -> (usize, usize) {
     let (task, mut state) = (task(), State::default());
     push(&mut state, 0..=100);

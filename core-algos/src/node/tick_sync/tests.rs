@@ -27,7 +27,7 @@ impl Board {
         (self.offset + (1.0 + self.rate) * time) as Micros
     }
 
-    /// One tick; the timer's period is trimmed by parts in 4200.
+    /// Runs one tick; the timer's period is trimmed by parts in 4200.
     fn tick(&mut self) -> TickStep {
         let step = self.ticks.step(self.local(self.next));
         if let TickStep::Run(now) | TickStep::Restart(now) = step {
@@ -79,7 +79,7 @@ fn two_boards_run_the_same_milliseconds_at_the_same_time() {
     for (rate, phase) in [(4e-5, 437.0), (-4e-5, 912.0)] {
         let mut front = Board::new(TickSync::leading(), 350.0, 2e-5, 0.0);
         let mut rear = Board::new(TickSync::following(), 7.7e6, rate, phase);
-        // The front board first brings its own ticks into step, 0.24 µs each.
+        // The front board first brings its own ticks into step, by 0.24 µs per tick.
         run(&mut front, &mut rear, 20e6, true);
         let counts_of = |board: &Board| (board.ticks.missed(), board.ticks.restarts());
         let before = counts_of(&rear);
@@ -156,7 +156,7 @@ fn sent_delay_is_that_of_the_epoch_before() {
     assert_eq!(ticks.sync(11_000, None), None);
     assert_eq!(ticks.sync(20_000, Some(10_130)), sync(2, Some(130)));
     assert_eq!(ticks.sync(30_000, None), sync(3, None));
-    // A skipped epoch, and a stamp from before the epoch.
+    // No delay is sent after a skipped epoch, and none for a time stamp before the epoch.
     assert_eq!(ticks.sync(50_000, Some(30_100)), sync(5, None));
     assert_eq!(ticks.sync(60_000, Some(49_000)), sync(6, None));
     assert_eq!(TickSync::following().sync(10_000, None), None);
@@ -166,7 +166,7 @@ fn sent_delay_is_that_of_the_epoch_before() {
 #[test]
 fn board_coming_into_step_misses_no_tick() {
     let mut ticks = TickSync::following();
-    // Common time is local time; ticks are late by an error that falls from 0.2 ms, with jitter.
+    // The common time is the local time. Ticks are late by an error that falls from 0.2 ms, with jitter.
     let mut random = Random::new(5);
     let mut runs = 0;
     for k in 1..2_000u64 {

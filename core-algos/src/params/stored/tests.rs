@@ -98,7 +98,7 @@ fn lost_old_or_unusable_item_gives_default_and_notice() {
 fn values_that_contradict_each_other_are_not_used() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
-    // In range, but the stop deceleration is below the acceleration.
+    // The value is in range, but the stop deceleration is below the acceleration.
     let name = "robot.lead.governor.stop_deceleration_m_s2";
     save(&mut contents, &with(name, 0.1), &base);
     let (settings, report) = contents.resolve(&base, check);

@@ -72,7 +72,7 @@ impl SupervisorBench {
     }
 }
 
-/// Cut without a hold time.
+/// Condition of class cut without a hold time.
 const CUT: Condition = Condition::DriverFault;
 
 const NOTHING: Input = Input {
@@ -232,7 +232,7 @@ fn first_condition_is_the_reason_until_it_is_cleared() {
     assert_eq!(bench.state.first(), Some(CUT));
     bench.with(Condition::NotANumber);
     assert_eq!(bench.state.first(), Some(CUT));
-    // The first condition is gone and another holds: after clearing, the other is the reason.
+    // The first condition is gone and another condition holds, which becomes the reason after clearing.
     let output = bench.tick(with_request(
         present(Condition::EmergencyStop),
         StateRequest::Clear,

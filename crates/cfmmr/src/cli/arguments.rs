@@ -89,7 +89,7 @@ pub struct Common {
     /// Options that select and change the scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// Options of seed, threads and output.
+    /// Options that set seed, threads and output.
     #[command(flatten)]
     pub run: RunArgs,
 }
@@ -121,7 +121,7 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// Context of a command that runs this scenario.
+    /// Context (scenario, seed, threads, output) of the command `name`.
     pub fn context(
         &self,
         name: &str,
@@ -157,8 +157,8 @@ pub struct LogArgs {
     /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = recording::address)]
     pub live: Option<SocketAddr>,
-    /// Let web pages of this origin (scheme and host) connect to --live; may be repeated [default: pages of this machine
-    /// only]
+    /// Let web pages of this origin (scheme and host) connect to --live; may be repeated [default: pages of this
+    /// machine only]
     #[arg(long, value_name = "ORIGIN", requires = "live")]
     pub live_origin: Vec<String>,
 }
@@ -178,7 +178,7 @@ impl LogArgs {
     }
 }
 
-/// Place of the boards.
+/// Options that select where the boards run: in-process, virtual or real.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
     /// Run on boards in-process, virtual (images on virtual boards, built if needed), or real at
@@ -197,7 +197,7 @@ impl BoardArgs {
         self.baud.unwrap_or(BAUD)
     }
 
-    /// Refuses a baud rate without ports.
+    /// Refuses `--baud` if no board has a serial port.
     pub fn check(&self) -> Result<(), Error> {
         match self.baud {
             Some(baud) if !self.on.has_ports() => Err(Error::input(format!(
@@ -208,7 +208,7 @@ impl BoardArgs {
     }
 }
 
-/// Sensors of the robot.
+/// Options that select the robot's sensors.
 #[derive(Clone, Debug, Default, Args)]
 pub struct SensorArgs {
     /// Run without the relative position sensor (strain gauges)
@@ -228,7 +228,7 @@ impl SensorArgs {
     }
 }
 
-/// Duration of a run with boards, and failures of boards during the run.
+/// Options that set the duration of a run and the failures of boards during the run.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct PlanArgs {
@@ -299,7 +299,7 @@ fn failure(text: &str) -> Result<Failure, Error> {
     })
 }
 
-/// Images of virtual boards.
+/// Options that select the firmware images of virtual boards.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Virtual boards")]
 pub struct ImageArgs {
@@ -312,7 +312,7 @@ pub struct ImageArgs {
 }
 
 impl ImageArgs {
-    /// The images.
+    /// Opens the images. An image that neither an option nor the environment names is built.
     pub fn open(&self) -> Result<Images, Error> {
         Images::open(self.axle_image.as_deref(), self.beam_image.as_deref())
     }
@@ -326,11 +326,11 @@ impl ImageArgs {
     }
 }
 
-/// The robot of `posture`, `follow`, `track` and `drive`.
+/// Options of the robot in `posture`, `follow`, `track` and `drive`.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct RobotArgs {
-    /// Options that place the boards.
+    /// Options that select where the boards run.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Options of duration and board failures.
@@ -345,7 +345,7 @@ pub struct RobotArgs {
 }
 
 impl RobotArgs {
-    /// Place and settings of the boards. `threads` is for virtual boards.
+    /// Location and settings of the boards. Virtual boards use `threads` threads; `None`: the default number.
     fn site(&self, threads: Option<u16>) -> Site {
         Site {
             place: self.boards.on.clone(),
@@ -359,7 +359,7 @@ impl RobotArgs {
         }
     }
 
-    /// Refuses options without effect at the place of the boards, for example `--world` with a real robot.
+    /// Refuses options that have no effect on the selected boards, for example `--world` with a real robot.
     pub fn check(&self, sensors: &SensorArgs, choice: &WorldChoice) -> Result<(), Error> {
         self.boards.check()?;
         match self.boards.on {

@@ -45,7 +45,7 @@ pub struct CalibrateArgs {
     /// Part to calibrate
     #[arg(value_enum)]
     pub what: CalibrateWhat,
-    /// Place of the boards; by default in this process, with their flash in files.
+    /// Options that select where the boards run; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Keep the flash of in-process and virtual boards in files in this folder

@@ -1,4 +1,4 @@
-//! `cfmmr campaign`: a Monte Carlo study over variations of a scenario, in any number of parts.
+//! `cfmmr campaign`: computes a Monte Carlo study over variations of a scenario, in any number of shards.
 
 use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::Workers;
@@ -89,7 +89,7 @@ pub fn run(args: &CampaignArgs, own: &Own) -> Result<(), Error> {
     }
 }
 
-/// Computes the missing blocks of one part; `variable` reads the environment.
+/// Computes the missing blocks of one shard; `variable` reads an environment variable.
 fn shard(
     args: &CampaignArgs,
     own: &Own,
@@ -184,7 +184,7 @@ mod tests {
     use clap::Parser;
     use std::path::Path;
 
-    /// Arguments of `campaign` as typed.
+    /// Parses a command line of `campaign`.
     fn typed(line: &[&str]) -> CampaignArgs {
         #[derive(Parser)]
         struct Typed {
@@ -262,7 +262,7 @@ mod tests {
         let own = Own::default();
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), &own, pod).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
-        // Without --shard, this environment is refused.
+        // An environment that is refused without --shard is ignored with --shard.
         let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
         shard(
             &in_folder(folder.path(), &["--shard", "1/2"]),

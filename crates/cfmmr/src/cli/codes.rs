@@ -75,7 +75,7 @@ pub fn markdown() -> String {
     text
 }
 
-/// One cause of each kind, with the heading of its column.
+/// One cause of each kind, with the heading of its column in the table of transitions.
 fn causes() -> Vec<(&'static str, Cause)> {
     use core_algos::safety::Condition;
     let conditions = [
@@ -98,7 +98,7 @@ fn causes() -> Vec<(&'static str, Cause)> {
     conditions.into_iter().chain(requests).collect()
 }
 
-/// Prints the page.
+/// Prints `docs/codes.md`.
 pub fn run() -> Result<(), Error> {
     terminal::print_page(&markdown())
 }
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
     use core_algos::safety::Condition;
 
-    /// A column shows one cause; all causes of its kind must have the same transitions.
+    /// A column of the table is computed from one condition; all conditions of the same kind must have its transitions.
     #[test]
     fn every_condition_has_the_transitions_of_its_column() {
         let causes = causes();

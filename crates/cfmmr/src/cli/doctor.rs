@@ -157,7 +157,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
 
 fn table(checks: &[Check]) -> String {
     let mut table = Table::new(["", "state", "found"]).left_aligned();
-    // Below the table: a command that a cell wraps cannot be copied.
+    // Remedies stand below the table, because a table cell would wrap a command, which could then not be copied.
     let mut remedies = String::new();
     for check in checks {
         let optional = match (check.needed, check.finding) {

@@ -19,7 +19,7 @@ struct BoardRow {
     build: String,
     stack_used: Option<u32>,
     stack_size: Option<u32>,
-    /// Panics since power-on; the next three counts are since power-on too.
+    /// Number of panics since power-on; the three counts below also begin at power-on.
     panics: Option<u32>,
     processor_faults: Option<u32>,
     watchdog_resets: Option<u32>,
@@ -60,7 +60,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
         };
         let row = match row {
             Ok(row) => row,
-            Err(error @ Error::Input(_)) => return Err(error),
+            Err(error) if error.exit_code() == 2 => return Err(error),
             Err(error) => {
                 silent_ports.extend(port.filter(|port| *port == role));
                 BoardRow {

@@ -113,10 +113,10 @@ fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
             let text = input::text(file).map_err(|error| named(&error))?;
             script::parse(&text, scenario).map_err(|error| named(&error))
         }
-        // One quoted step.
+        // The whole step is one argument, for example in quotes.
         (None, [line]) => script::parse(line, scenario),
         (None, words) => {
-            // The space before a negative angle is from `cli::plain`.
+            // `cli::word_for_clap` has put a space before each negative angle.
             let words = words.iter().map(|word| match word.strip_prefix(" -") {
                 Some(rest) => format!("-{rest}"),
                 None => word.clone(),

@@ -1,4 +1,4 @@
-//! `cfmmr eval`: one on-board algorithm on cases from standard input.
+//! `cfmmr eval`: runs one on-board algorithm on test cases from standard input.
 
 use crate::experiments::eval;
 use crate::experiments::eval::Kernel;

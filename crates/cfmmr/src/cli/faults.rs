@@ -1,4 +1,4 @@
-//! `cfmmr faults`: injects every fault of the catalogue at several times and with several seeds.
+//! `cfmmr faults`: injects every known fault at several times and with several seeds.
 
 use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
@@ -9,7 +9,7 @@ use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
 use remote::virtual_robot::faults::{Campaign, Entry, catalogue};
 
-/// Page that holds the committed table.
+/// Page with the expected table, which `--check` compares with the result.
 const PAGE: &str = "docs/faults.md";
 
 /// Arguments of `faults`.
@@ -45,7 +45,7 @@ pub struct FaultsArgs {
     pub images: ImageArgs,
 }
 
-/// Entries that `--only` selects; in-process boards leave out the entries that need images.
+/// Faults that `--only` selects; in-process boards leave out the faults that need firmware images.
 fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
     let images = args.on == BoardPlace::Virtual;
     let possible: Vec<&Entry> = all
@@ -79,7 +79,7 @@ fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Err
     Ok(possible.into_iter().filter(is_chosen).collect())
 }
 
-/// Settings of all runs.
+/// Settings that all runs share.
 fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
     let images = match args.on {
         BoardPlace::Virtual => Some(args.images.open()?),

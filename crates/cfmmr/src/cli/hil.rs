@@ -27,7 +27,7 @@ pub struct HilArgs {
     /// Options of recording and display.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Options that place the boards.
+    /// Options that select where the boards run.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Use the parameters in the boards' flash instead of the scenario's parameters

@@ -1,12 +1,9 @@
 //! `cfmmr keys`: the keys of a scenario with unit, default, allowed values and meaning.
 
 use clap::Args;
-use declare::{Allowed, Field, Kind};
 use host_sim::base::error::Error;
-use host_sim::base::{spelling, toml_file};
-use host_sim::scenario::{FIELDS, Scenario};
+use host_sim::scenario::keys::{allowed, json, keys, shortest_decimal};
 use output::terminal;
-use serde_json::{Value, json};
 use std::fmt::Write;
 
 /// Arguments of `keys`.
@@ -19,103 +16,7 @@ pub struct KeysArgs {
     pub json: bool,
 }
 
-/// Key with its table and default.
-struct Key {
-    name: String,
-    table: String,
-    field: &'static Field,
-    default: Option<toml::Value>,
-}
-
-/// All keys, or the keys of a table; the keys of a table precede those of its subtables.
-fn keys(wanted: Option<&str>) -> Result<Vec<Key>, Error> {
-    let failed = |error: toml::ser::Error| Error::Failure(error.to_string());
-    let defaults = toml_file::known_keys(&Scenario::default()).map_err(failed)?;
-    let mut keys = Vec::new();
-    collect("", FIELDS, Some(&defaults), &mut keys);
-    let Some(wanted) = wanted else {
-        return Ok(keys);
-    };
-    let is_wanted = |key: &Key| {
-        let rest = key.name.strip_prefix(wanted);
-        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-    };
-    let known = keys.iter().flat_map(|key| [&key.table, &key.name]);
-    let hint = spelling::hint(wanted, known.map(String::as_str));
-    keys.retain(is_wanted);
-    match keys.is_empty() {
-        true => Err(Error::input(format!(
-            "{wanted}: no key or table of a scenario{hint}; `cfmmr keys` prints all"
-        ))),
-        false => Ok(keys),
-    }
-}
-
-fn collect(
-    table: &str,
-    fields: &'static [Field],
-    defaults: Option<&toml::Table>,
-    keys: &mut Vec<Key>,
-) {
-    let is_table = |field: &&Field| matches!(field.kind, Kind::Table(_));
-    for field in fields.iter().filter(|field| !is_table(field)) {
-        keys.push(Key {
-            name: format!("{table}.{}", field.name),
-            table: table.to_owned(),
-            field,
-            default: defaults.and_then(|defaults| defaults.get(field.name).cloned()),
-        });
-    }
-    for field in fields.iter().filter(is_table) {
-        if let Kind::Table(inner) = field.kind {
-            let table = match table {
-                "" => field.name.to_owned(),
-                _ => format!("{table}.{}", field.name),
-            };
-            let defaults = defaults.and_then(|defaults| defaults.get(field.name)?.as_table());
-            collect(&table, inner, defaults, keys);
-        }
-    }
-}
-
-/// Allowed values in words.
-fn allowed(kind: Kind) -> String {
-    match kind {
-        Kind::Number { allowed, whole, .. } => {
-            let text = allowed.to_string();
-            match whole {
-                true => text.replacen("a number", "a whole number", 1).replacen(
-                    "a finite number",
-                    "a whole number",
-                    1,
-                ),
-                false => text,
-            }
-        }
-        Kind::Flag => "`true` or `false`".to_owned(),
-        Kind::Choice(choices) => {
-            let named = |choice: &declare::Choice| {
-                format!(
-                    "`\"{}\"`: {}",
-                    choice.name,
-                    choice.meaning().trim_end_matches('.')
-                )
-            };
-            choices.iter().map(named).collect::<Vec<_>>().join("; ")
-        }
-        Kind::Table(_) => String::new(),
-    }
-}
-
-/// Shortest decimal form of a single precision number (0.1, not 0.10000000149); other numbers stay.
-fn shortest_decimal(number: f64) -> f64 {
-    match f64::from(number as f32) == number {
-        true => (number as f32).to_string().parse().unwrap_or(number),
-        false => number,
-    }
-}
-
-/// Default as Markdown.
+/// Default value of a key, in Markdown.
 fn markdown_value(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", shortest_decimal(*number)),
@@ -127,7 +28,7 @@ fn markdown_value(value: &toml::Value) -> String {
     }
 }
 
-/// The keys as a page of tables.
+/// Keys as a page of Markdown tables: all, or those of table `wanted`.
 pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     let mut text = String::from(
         "# Keys of a scenario\n\n\
@@ -162,49 +63,6 @@ pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     Ok(text)
 }
 
-/// Default as a JSON value.
-fn json_value(value: &toml::Value) -> Value {
-    match value {
-        toml::Value::Float(number) => shortest_decimal(*number).into(),
-        toml::Value::Array(list) => list.iter().map(json_value).collect(),
-        value => serde_json::to_value(value).unwrap_or_default(),
-    }
-}
-
-fn json(wanted: Option<&str>) -> Result<String, Error> {
-    let mut list = Vec::new();
-    for Key {
-        name,
-        field,
-        default,
-        ..
-    } in keys(wanted)?
-    {
-        let mut key = json!({
-            "key": name,
-            "unit": field.kind.unit(),
-            "default": default.as_ref().map(json_value),
-            "allowed": allowed(field.kind).replace('`', ""),
-            "meaning": field.meaning(),
-        });
-        match field.kind {
-            Kind::Number { allowed, whole, .. } => {
-                key["whole"] = whole.into();
-                if let Allowed::Range(low, high) = allowed {
-                    let bounds = [low, high].map(|bound| toml::Value::Float(bound.into()));
-                    key["range"] = bounds.iter().map(json_value).collect();
-                }
-            }
-            Kind::Choice(choices) => {
-                key["choices"] = choices.iter().map(|choice| choice.name).collect();
-            }
-            Kind::Flag | Kind::Table(_) => {}
-        }
-        list.push(key);
-    }
-    serde_json::to_string_pretty(&list).map_err(|error| Error::Failure(error.to_string()))
-}
-
 /// Prints the page or the JSON.
 pub fn run(args: &KeysArgs) -> Result<(), Error> {
     match args.json {
@@ -216,27 +74,8 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_sim::world::effect;
-
-    /// Compares the declared keys with the keys of a serialised scenario.
-    #[test]
-    fn declared_keys_are_those_of_a_file() {
-        let keys = keys(None).unwrap();
-        let declared: Vec<String> = keys.iter().map(|key| key.name.clone()).collect();
-        let file = toml::Table::try_from(Scenario::default()).unwrap();
-        for key in effect::keys(&file) {
-            let known = declared.contains(&key) || key == "world";
-            assert!(known, "{key} is not declared");
-        }
-        // A text for a key without default is refused for its type, not as an unknown key.
-        for (key, declared) in keys.iter().zip(&declared) {
-            if key.default.is_none() {
-                let change = format!("{declared}=\"nothing\"");
-                let why = Scenario::parse(None, "", "test", &[change]).unwrap_err();
-                assert!(!why.to_string().contains("unknown"), "{why}");
-            }
-        }
-    }
+    use declare::Kind;
+    use host_sim::scenario::keys::Key;
 
     #[test]
     fn keys_of_a_table_begin_with_its_name() {

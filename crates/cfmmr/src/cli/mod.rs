@@ -65,7 +65,7 @@ use world::WorldArgs;
 #[derive(Debug, Parser)]
 #[command(name = "cfmmr", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// Action.
+    /// Subcommand; `None` runs `posture`.
     #[command(subcommand)]
     pub command: Option<Command>,
     /// Arguments of `posture` when no subcommand is given.
@@ -108,7 +108,7 @@ fn word_for_clap(word: OsString, home: Option<&str>) -> OsString {
     if let Some(digits) = text.strip_prefix("-.") {
         return word_for_clap(format!("-0.{digits}").into(), home);
     }
-    // With a space in front, clap takes a negative angle for a value; the reader of the value removes the space.
+    // A space in front lets clap take a negative angle as a value; the parser of the angle removes the space.
     let is_angle = text.ends_with("deg") || text.ends_with('°');
     let number = text.strip_prefix('-').filter(|_| is_angle);
     if number.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit())) {
@@ -126,7 +126,7 @@ fn word_for_clap(word: OsString, home: Option<&str>) -> OsString {
     }
 }
 
-/// The command. In all subcommands a negative number is a value, not an option, so an error states the allowed range.
+/// Parser of the command line. A negative number is a value, not an option, so an error states the allowed range.
 pub fn command() -> clap::Command {
     let value = |argument: Arg| match argument.get_action().takes_values() {
         true => argument.allow_negative_numbers(true),
@@ -181,7 +181,7 @@ pub enum Command {
     World(WorldArgs),
     /// Print the description of the CAN bus (DBC), or its load
     Dbc(DbcArgs),
-    /// Inject each fault of the catalogue into the simulated robot and print the outcomes
+    /// Inject each known fault into the simulated robot and print the outcomes
     Faults(FaultsArgs),
     /// Drive for hours and check consistency of the estimator, faults and memory
     Soak(SoakArgs),

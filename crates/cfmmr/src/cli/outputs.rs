@@ -54,7 +54,7 @@ const RESULTS: &[&str] = &[
 /// Commands whose `--out` names a file.
 const WITH_OUTPUT_FILE: [&str; 4] = ["dbc", "params", "calibrate", "replay"];
 
-/// A named file or folder.
+/// File or folder that an argument names.
 struct Named {
     option: String,
     path: PathBuf,
@@ -187,7 +187,7 @@ fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
     Ok(())
 }
 
-/// True for the log of one row of an experiment: `log-ROW.csv`.
+/// True for the log of one row of a result table: `log-ROW.csv`.
 fn is_log_table(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     name.starts_with("log-") && name.ends_with(".csv")
@@ -302,7 +302,7 @@ mod tests {
         fs::create_dir(folder.path().join("log.csv")).unwrap();
         let text = refusal("follow --out DIR", folder.path()).unwrap();
         assert!(text.contains("log.csv: must be a regular file"), "{text}");
-        // A bare name lies in the current folder.
+        // A file name without folder is in the current folder, here that of --out.
         let text = refusal("follow --out . --json log.csv", folder.path()).unwrap();
         assert!(text.contains("writes this file"), "{text}");
         let text = refusal("follow --out ~user", folder.path()).unwrap();

@@ -5,7 +5,7 @@ use host_sim::base::error::Error;
 use output::terminal;
 use std::fmt::Write;
 
-/// The parameters as a page.
+/// All parameters as a page in Markdown, which `cfmmr parameters` prints.
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Parameters\n\n\
@@ -36,7 +36,7 @@ pub fn markdown() -> String {
     text
 }
 
-/// Meaning of a parameter; the meaning of its table is added if another parameter has the same meaning.
+/// Meaning of a parameter. If several parameters have the same text, the meaning of the parameter's table is added.
 fn meaning(parameter: &Parameter) -> String {
     let path = |parameter: &Parameter| parameter.name.split('[').next();
     let meaning = parameter.meaning();
@@ -49,7 +49,7 @@ fn meaning(parameter: &Parameter) -> String {
     }
 }
 
-/// Names and meanings of the values of a choice, by number.
+/// Number, name and meaning of each value of a parameter with named values; empty for other parameters.
 fn choices(parameter: &Parameter) -> String {
     let names = parameter.choices().iter().enumerate();
     let named: Vec<String> = names
@@ -89,10 +89,10 @@ mod tests {
         }
     }
 
-    /// The scenario key of each parameter's name changes this parameter.
+    /// A scenario key with the name of a parameter sets this parameter.
     #[test]
     fn names_are_those_of_a_scenario() {
-        // In a scenario, strategy and mode are words, not numbers.
+        // Parameters with named values are left out: a scenario states them as words, not as numbers.
         let numbers = TABLE.iter().filter(|p| p.range.1 > 3.0 || !p.whole);
         for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
             let mut settings = Settings::default();

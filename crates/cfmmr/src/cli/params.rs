@@ -48,7 +48,7 @@ pub enum ParamsAction {
 /// Boards that the command reads or changes.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsTarget {
-    /// Place of the boards; by default in this process, with their flash in files.
+    /// Options that select where the boards run; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
     /// Keep the flash of in-process and virtual boards in files in this folder
@@ -233,7 +233,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
         }
         Ok(())
     })?;
-    // A parameter's name is too long for a table column.
+    // No table: the names of the parameters are too long for a column.
     let mut text = String::new();
     let mut names: Vec<&str> = rows.iter().map(|row| row.name).collect();
     names.dedup();
@@ -403,7 +403,7 @@ fn change(
     if done.is_ok() {
         write_json(&json, &changes)?;
     }
-    // After an error, the table shows the values set before the error.
+    // Printed after an error as well: the table shows the values that were set before the error.
     let note = match save {
         true => format!("{written} values written to the flash"),
         false => {

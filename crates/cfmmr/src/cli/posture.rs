@@ -13,7 +13,7 @@ use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
 use host_sim::scenario::own::Own;
 
-/// Rows of the table.
+/// Selection of the rows (sensors and fusion) of the result table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RowSelection {
     /// Encoders alone, the paper's fusion, the joint filter.
@@ -44,7 +44,7 @@ pub struct PostureArgs {
     /// Run these rows of the table [default: main]
     #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
     pub rows: Option<RowSelection>,
-    /// Sensors of a robot with boards.
+    /// Options that select the sensors.
     #[command(flatten)]
     pub sensors: SensorArgs,
     /// Options of the robot: its boards and the duration of the run.
@@ -81,7 +81,7 @@ fn start(args: &PostureArgs) -> Option<(&'static str, &'static str)> {
     args.from.as_ref().map(|_| ("mission.start", "with --from"))
 }
 
-/// One run of a robot with boards.
+/// Drives once on virtual or real boards.
 fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
     args.sensors.apply(&mut context.scenario);
     context.scenario.check()?;
@@ -95,7 +95,7 @@ fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
     args.robot.run(&context, &mission, &args.log, threads)
 }
 
-/// Trials of the rows, with the boards in this program.
+/// Runs the trials of all rows with in-process boards.
 fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<(), Error> {
     context.scenario.check()?;
     let variants = args.variants(outputs)?;
@@ -109,8 +109,8 @@ fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<()
 }
 
 impl PostureArgs {
-    /// Rows after the sensor options: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
-    /// A live run has one row.
+    /// Selected rows of the table: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
+    /// With `--live` or `--dashboard` there is one row.
     fn variants(&self, outputs: &Outputs) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;
         let rows = match self.rows.unwrap_or(RowSelection::Main) {

@@ -23,7 +23,7 @@ mod tests {
     use serde::{Deserialize, Serialize};
     use serde_json::Value;
 
-    /// Name and fields of every variant, found by decoding each number followed by zeros.
+    /// Name and fields of every variant of `T`, found by decoding each variant number followed by zero bytes.
     fn variants<'a, T: Deserialize<'a> + Serialize>(
         head: &[u8],
         unwrap: fn(Value) -> Value,
@@ -44,7 +44,7 @@ mod tests {
         found
     }
 
-    /// Name and fields of a variant.
+    /// Name and fields of a variant, from its JSON form.
     fn named(value: &Value) -> (String, Vec<String>) {
         match value {
             Value::String(name) => (name.clone(), Vec::new()),
@@ -80,7 +80,7 @@ mod tests {
         {
             assert_eq!(*number, i.to_string(), "{section}");
             assert_eq!(*name, format!("`{variant}`"));
-            // Content without field names is described in words.
+            // A cell that begins with a word describes a content without field names, so it is not compared.
             if content.is_empty() || content.starts_with('`') {
                 let documented_fields = content
                     .split("<br>")
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn every_variant_and_field_of_the_protocol_is_in_the_table() {
         assert_complete("Requests", &variants::<Request>(&[7], |value| value));
-        // The bytes are the numbers of frame and request, the owner, and the sequence; the number of the order follows.
+        // The head has frame number 7, request number 5 (Order), owner 0 and sequence 0; the order's number follows.
         let order = |value: Value| value["Order"]["order"].clone();
         assert_complete("Orders", &variants::<Request>(&[7, 5, 0, 0], order));
         let replies = variants::<Reply>(&[7], |value| value);

@@ -47,7 +47,7 @@ pub struct SoakArgs {
     pub json: JsonArgs,
 }
 
-/// Number of windows in the report.
+/// Number of time windows in the report.
 const WINDOWS: u64 = 10;
 
 /// Content of the JSON file.
@@ -62,7 +62,7 @@ struct Measured {
     problems: Vec<String>,
 }
 
-/// Table row of a window.
+/// Table row of a time window.
 fn row(window: &Window) -> String {
     let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
     let error = window.position_m.map(|error| 1e2 * error);

@@ -326,7 +326,7 @@ fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let count = texts.len();
     for (i, (text, style)) in texts.into_iter().enumerate() {
         let parts = wrapped(&text, width);
-        // One line is reserved for the count of texts without room.
+        // One line is reserved for "and N more", unless this is the last text.
         let kept = usize::from(i + 1 < count);
         if lines.len() + parts.len() + kept > height {
             lines.push(Line::raw(format!("and {} more", count - i)));
@@ -361,7 +361,7 @@ fn notices(view: &View) -> Vec<(String, Style)> {
     let mut conditions: Vec<_> = all
         .fold(Conditions::NONE, Conditions::union)
         .iter()
-        // Stops and cuts are listed as faults, from the reason in a heartbeat.
+        // Stops and cuts are left out here, because `fault_lines` lists them as faults.
         .filter(|condition| !condition.class().is_hard())
         .collect();
     conditions.sort_by_key(|condition| std::cmp::Reverse(condition.class()));
@@ -565,7 +565,7 @@ mod tests {
             assert!(text.contains(low), "{size:?}: {}", lines.join("\n"));
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
             assert!(!text.contains("none"));
-            // The lead node reported this condition, and has left the fault state since then.
+            // The lead node reported this condition and later left the fault state, hence "cleared".
             let expected =
                 "0x83 neighbour stopped (Lead, 12.300 s, cleared): read the code of that node";
             assert!(text.contains(expected), "{size:?}: {}", lines.join("\n"));

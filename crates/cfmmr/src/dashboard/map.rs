@@ -93,7 +93,7 @@ fn ellipse(view: &View) -> Vec<[f64; 2]> {
     let robot = &view.record.lead.fused.robot;
     let [x, y] = [robot.posture.x, robot.posture.y].map(f64::from);
     let p = |i: usize, k: usize| f64::from(robot.covariance[i][k]);
-    // Cholesky factor.
+    // Cholesky factor of the position's covariance: [[a, 0], [b, c]].
     let a = p(0, 0).max(0.0).sqrt();
     let b = if a > 0.0 { p(0, 1) / a } else { 0.0 };
     let c = (p(1, 1) - b * b).max(0.0).sqrt();

@@ -84,7 +84,7 @@ impl Dashboard {
 
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
-        // After q, a drive by keyboard stops the robot and ends the run itself.
+        // No interrupt after q in a drive by keyboard: its script stops the robot and ends the run.
         let by_itself = self.keyboard.drives() && !self.keyboard.is_interrupted();
         if self.keyboard.is_ended() && !by_itself {
             self.interrupt.store(true, Relaxed);

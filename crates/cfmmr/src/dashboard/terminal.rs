@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 const PICTURE_PERIOD: Duration = Duration::from_millis(50);
 
-/// Timeout of the thread's end.
+/// Timeout of the wait until the drawing thread ends.
 const THREAD_END_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Terminal that shows a run.
@@ -96,7 +96,7 @@ impl Shared {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .clone();
-            // A paused run sends no views, so the effect of keys is added here.
+            // A paused run sends no views, so the fields that keys change are updated here.
             view.pace = view.pace.map(|_| self.keyboard.pace());
             view.hand = self.keyboard.drives().then(|| self.keyboard.hand());
             view.idle_stop = self.keyboard.idle_stop();
@@ -125,7 +125,7 @@ impl Shared {
             };
             let key = key_of(&pressed);
             if matches!(key, Some(Key::End | Key::Interrupt)) && self.keyboard.is_ended() {
-                // The second request ends the process at once: the run did not reach the end of its epoch.
+                // A second request ends the process at once, because the run has not ended its epoch since the first.
                 let _ = ratatui::try_restore();
                 interrupt::end_at_once();
             }
@@ -151,7 +151,7 @@ fn await_input(limit: Duration) -> io::Result<bool> {
     }
 }
 
-/// Action of a key, if it has one.
+/// Action of a key; `None` for a key without action.
 fn key_of(pressed: &KeyEvent) -> Option<Key> {
     let control = pressed.modifiers.contains(KeyModifiers::CONTROL);
     if pressed.kind == KeyEventKind::Release {

@@ -35,7 +35,7 @@ pub struct View {
     pub nodes: Vec<NodeView>,
     /// Names of the axles, front first.
     pub axles: Vec<&'static str>,
-    /// First heartbeat with each stop or cut so far; the first entry is the cause.
+    /// First heartbeat of each node with each stop or cut; the first heartbeat of the list names the cause.
     pub faults: Vec<Status>,
     /// Links to the boards.
     pub boards: Vec<BoardTraffic>,
@@ -55,7 +55,7 @@ pub struct View {
     pub hand: Option<Hand>,
     /// Message that the robot stopped because no key was pressed, in a drive by keyboard.
     pub idle_stop: Option<String>,
-    /// Text of the end, after the run.
+    /// Message about the end of the run; `None` during the run.
     pub end: Option<String>,
 }
 

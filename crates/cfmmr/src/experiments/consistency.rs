@@ -1,8 +1,9 @@
 //! Consistency of the fused estimates: errors against covariances.
 //!
-//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O on the full plant;
-//! each has three degrees of freedom. For normal errors with covariance P, the mean NEES of N runs lies in the band of
-//! χ² with 3 N degrees of freedom. A mean above the band is an overconfident estimator, below the band a cautious one.
+//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O on the full plant.
+//! Each NEES has three degrees of freedom. If errors are normal with covariance P, the mean NEES of N runs is in the
+//! band of χ² with 3 N degrees of freedom with probability 0.95. Above the band the estimator is overconfident, below
+//! the band it is cautious.
 
 use crate::experiments::posture::Variant;
 use crate::experiments::{Context, Seeds, Workers};
@@ -26,15 +27,16 @@ use view::style::{BAND, series};
 
 /// Components of a posture's error.
 pub const DEGREES: usize = 3;
-/// Probability of the band and of the quantile.
+/// Probability that the mean NEES of a consistent estimator is in the band, and a single NEES below the quantile.
 pub const PROBABILITY: f64 = 0.95;
 /// Evaluated bodies, in the order of all arrays in this module.
 pub const BODIES: [&str; 3] = ["front", "rear", "O"];
-/// Epochs between two evaluated instants; next constant: this time in s.
+/// Epochs between two evaluated instants.
 const INTERVAL: usize = 50;
+/// Time between two evaluated instants, s.
 const INTERVAL_S: f64 = 0.5;
 
-/// Estimate against the truth at its instant.
+/// Estimate of a posture compared with the true posture at the instant of the estimate.
 #[derive(Clone, Copy, Debug, Default)]
 struct EstimateCheck {
     nees: f64,
@@ -61,7 +63,8 @@ struct RunChecks {
     ended: RunEnd,
 }
 
-/// Collects the checks of a run. An estimate is for the beginning of its epoch, so its truth is in the record before.
+/// Collects the checks of a run. An estimate is of the beginning of its epoch, so the record of the preceding epoch has
+/// the true posture.
 struct CheckObserver {
     run: RunChecks,
     before: Option<Record>,
@@ -101,7 +104,7 @@ impl CheckObserver {
     }
 }
 
-/// Position of the mean NEES against the band.
+/// Position of the mean NEES relative to the χ² band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BandPosition {
@@ -114,7 +117,7 @@ pub enum BandPosition {
 }
 
 impl BandPosition {
-    /// Position of `mean` against `band`.
+    /// Position of the value `mean` relative to the bounds of a band.
     pub fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
         if mean < low {
             Self::Below
@@ -139,7 +142,7 @@ pub enum Statement {
 }
 
 impl Statement {
-    /// Verdict from the positions of both axles.
+    /// Verdict from the positions of both axles' mean NEES.
     pub fn of(axles: [BandPosition; 2]) -> Self {
         if axles.contains(&BandPosition::Above) {
             Self::Overconfident
@@ -159,16 +162,16 @@ impl Statement {
     }
 }
 
-/// Consistency of one body over all runs of a configuration at one instant.
+/// Consistency of the front axle, the rear axle or O over all runs of a configuration, at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BodyConsistency {
     /// Mean NEES.
     pub nees: f64,
-    /// Position against the band.
+    /// Position of the mean NEES relative to the χ² band.
     pub band: BandPosition,
     /// Share of the runs with a NEES of at most the χ² quantile.
     pub within: f64,
-    /// Root mean square error: x, y (m), heading (rad).
+    /// Root mean square error of the estimate: x, y (m), heading (rad).
     pub rms: [f64; 3],
     /// Root of the mean estimated variance: x, y (m), heading (rad).
     pub claimed: [f64; 3],
@@ -218,7 +221,7 @@ impl InstantConsistency {
         }
     }
 
-    /// Front, rear, O.
+    /// Front axle, rear axle, O.
     pub fn bodies(&self) -> [&BodyConsistency; 3] {
         [&self.front, &self.rear, &self.midpoint]
     }
@@ -256,13 +259,13 @@ pub struct ConsistencyReport {
     pub runs: u32,
     /// Degrees of freedom of a posture.
     pub degrees: usize,
-    /// Probability of band and quantile.
+    /// Probability of the NEES band and of the quantile.
     pub probability: f64,
     /// Band of the mean NEES over the runs.
     pub band: [f64; 2],
     /// χ² quantile: bound of the NEES of one run.
     pub quantile: f64,
-    /// The configurations.
+    /// Results by configuration.
     pub rows: Vec<ConsistencyRow>,
 }
 
@@ -483,15 +486,15 @@ mod tests {
     #[test]
     fn nees_sums_squared_errors_in_standard_deviations() {
         let estimate = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.1), [0.1, 0.2, 0.05]);
-        // The errors are one, two and three standard deviations; the true heading is given a whole turn further.
+        // The errors are one, two and three standard deviations. The whole turn added to the true heading is no error.
         let truth = [0.9, 2.4, 3.1 - 0.15 + std::f64::consts::TAU];
-        // The covariance is in f32, so the NEES of 14 has seven correct digits.
+        // The covariance is in f32, so the NEES of 1 + 4 + 9 = 14 is not exact.
         assert!((nees(&estimate, truth) - 14.0).abs() < 1e-4);
     }
 
     #[test]
     fn nees_is_invariant_under_rotation() {
-        // Ellipse and error rotated by one angle.
+        // The error ellipse and the error are rotated by the same angle.
         let (s, c) = 0.7f64.sin_cos();
         let turned = |x: f64, y: f64| [c * x - s * y, s * x + c * y];
         let (a, b) = (0.04f64, 0.01f64);

@@ -1,4 +1,4 @@
-//! Campaign of faults: every fault of the catalogue at several times and with several seeds.
+//! Campaign of faults: every known fault at several times and with several seeds.
 
 use core_algos::safety::Condition;
 use host_sim::base::error::Error;
@@ -29,7 +29,7 @@ pub struct FaultRow {
     pub seam: &'static str,
     /// Number of different times at which the fault comes.
     pub times: usize,
-    /// Number of cases (instants or damages) that all runs together try.
+    /// Number of instants of power failure, or of damages, that all runs of this fault together try.
     pub cases: usize,
     /// True if the fault silences the bus: the phase of the bus decides which code of [`SILENCE`] comes first.
     #[serde(skip)]
@@ -220,8 +220,8 @@ impl FaultsReport {
         text
     }
 
-    /// First row that differs from the committed page; with `few` runs, first row with an end or code that the page's
-    /// row lacks.
+    /// First row of the table that differs from `committed`, the text of docs/faults.md. With `few` runs: first row
+    /// with an end or code that the row of `committed` lacks.
     pub fn unexpected(&self, committed: &str, few: bool) -> Option<String> {
         self.rows.iter().map(FaultRow::markdown).find(|row| {
             let known = committed.lines().any(|line| match few {
@@ -233,7 +233,7 @@ impl FaultsReport {
     }
 }
 
-/// True if a row of the page contains all kinds of ends and all codes of `row`, which has fewer runs.
+/// True if the row `page` of docs/faults.md contains all kinds of ends and all codes of `row`, which has fewer runs.
 fn covers(page: &str, row: &str) -> bool {
     let cells =
         |row: &str| -> Vec<String> { row.split('|').map(|c| c.trim().to_owned()).collect() };

@@ -30,15 +30,15 @@ pub struct PathOptions {
     pub size: Option<f64>,
     /// Number of laps of a closed path.
     pub laps: u32,
-    /// Largest speed along the path, m/s [default: the scenario's].
+    /// Limit of the speed along the path, m/s [default: the scenario's].
     pub speed_m_s: Option<f64>,
     /// Start posture of the midpoint O, m, m, rad [default: on the first point of the path, along the path].
     pub start: Option<[f64; 3]>,
 }
 
-/// Largest number of epochs kept for log and picture.
+/// Maximum number of epochs kept for log and picture.
 pub const MAX_ROWS: usize = 20_000;
-/// Smallest distance between two robots in the picture, m.
+/// Minimum distance between two drawn robots in the picture, m.
 const APART_M: f64 = 0.65;
 
 /// Result of the commands.
@@ -48,7 +48,7 @@ pub struct FollowReport {
     pub path: String,
     /// Length of the path over all laps, m.
     pub length_m: f64,
-    /// Largest speed, m/s.
+    /// Limit of the speed along the path, m/s.
     pub speed_m_s: f64,
     /// True if the relative position sensor was fitted.
     pub rps: bool,
@@ -84,11 +84,11 @@ pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
 pub struct Course {
     /// Name or file of the path, as typed.
     pub name: String,
-    /// One lap.
+    /// One lap of the path.
     pub path: Path,
-    /// Driven route.
+    /// Route of all laps.
     pub route: Route,
-    /// Largest speed, m/s.
+    /// Limit of the speed along the path, m/s.
     pub speed_m_s: f64,
 }
 
@@ -267,7 +267,7 @@ fn summary(report: &FollowReport) -> Vec<(String, String)> {
     ]
 }
 
-/// Largest number of points of a curve.
+/// Maximum number of points of a curve in the picture.
 const MAX_POINTS: usize = 2_000;
 
 fn over_time(
@@ -291,7 +291,7 @@ fn over_time(
     errors
 }
 
-/// Robot at the start, at the end and between, at least [`APART_M`] apart.
+/// Drawn robots: at the start, at the end, and between them at least [`APART_M`] apart.
 fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     let mut shown: Vec<&Record> = Vec::new();
     for share in [0.0, 1.0, 0.33, 0.67, 0.17, 0.83, 0.5] {

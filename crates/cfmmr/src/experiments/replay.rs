@@ -44,7 +44,7 @@ pub struct BoardRecordSummary {
     pub board: &'static str,
     /// Number of recorded ticks.
     pub ticks: usize,
-    /// Ends of the record: tick, ms, and reason.
+    /// Each end of the record in the log: tick, ms, and reason.
     pub ends: Vec<(u32, String)>,
 }
 
@@ -71,11 +71,11 @@ impl BoardRecordSummary {
 pub struct ReplayReport {
     /// Ticks of the board with the longest record.
     pub ticks: usize,
-    /// The boards.
+    /// Record of each board.
     pub boards: Vec<BoardRecordSummary>,
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
-    /// First difference.
+    /// First difference of the replay from the record; `None` if identical or with other parameters.
     pub difference: Option<Divergence>,
     /// Errors of the recorded estimates.
     pub recorded: Quality,

@@ -34,13 +34,13 @@ const GOAL_TIMEOUT: u64 = 60_000;
 const REST_TICKS: u64 = 500;
 /// Time from clearing a fault to the next goal, ticks.
 const RECOVERY_TICKS: u64 = 2_000;
-/// Half the side of the square of goals, m.
+/// Half the side of the square in which goals are drawn, m.
 const SQUARE_M: f64 = 1.5;
 /// Number of equal pieces of a run. The mean NIS of each piece gives the trend.
 const PIECES: u64 = 200;
 /// Limit of memory growth after the first window, KiB.
 pub const MAX_MEMORY_GROWTH_KIB: u64 = 1024;
-/// Rise of the NIS over the run, as a share of the mean, up to which the trend is never a failure.
+/// Rise of the NIS over the run, divided by its mean. A smaller rise is never a failure.
 pub const DRIFT_SHARE: f64 = 0.1;
 /// Ticks of the shortest run with a check of the trend. In a shorter run, the motions in its pieces differ too much.
 pub const MIN_TREND_TICKS: u64 = 300_000;
@@ -50,7 +50,7 @@ pub const MAX_RELATIVE_ERROR_M: f64 = 2.5e-3;
 /// Limit of the rms error of the relative heading, rad. In 20 seeds over 50 s: mean 5.9 mrad, largest 8.0 mrad.
 pub const MAX_RELATIVE_ERROR_RAD: f64 = 10e-3;
 
-/// 99.9 % quantile of χ² with three degrees of freedom.
+/// Limit of the mean NEES in the last window: 99.9 % quantile of χ² with three degrees of freedom.
 const MAX_END_NEES: f64 = 16.27;
 
 /// Scenario of the soak: all sensors, all noise; with in-process boards the bus loses at least 1 % of the frames.
@@ -81,9 +81,9 @@ pub struct Window {
     pub nees: Option<f64>,
     /// Root mean square error of the estimated position at the goals, m.
     pub position_m: Option<f64>,
-    /// Largest estimated standard deviation of the position along x or y, m.
+    /// Largest estimated standard deviation of the position in the window, along x or y, m.
     pub sigma_m: f64,
-    /// Largest estimated standard deviation of the heading, rad.
+    /// Largest estimated standard deviation of the heading in the window, rad.
     pub sigma_rad: f64,
     /// Root mean square error of the relative position of the axles, m.
     pub relative_m: f64,
@@ -102,7 +102,7 @@ pub struct Window {
 pub struct Drift {
     /// Mean of the values.
     pub mean: f64,
-    /// Change over the run.
+    /// Change of the fitted line over the run.
     pub gain: f64,
     /// Standard error of the change.
     pub error: f64,
@@ -151,7 +151,7 @@ pub struct SoakReport {
 }
 
 impl SoakReport {
-    /// Violated limits.
+    /// Messages about violated limits; empty if the soak passed.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         match self.nis {
@@ -399,7 +399,7 @@ impl<R: Robot> DriveTask<R> for Soak<'_> {
 
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
         let tick = robot.now() / TICK;
-        // The first estimates are from before the start posture arrives.
+        // The first estimates are left out, because the lead has not yet received the start posture.
         if since.is_some_and(|since| since >= REST_TICKS * TICK) {
             self.observe(record);
             self.evaluate_drive(robot, record, tick);
@@ -458,7 +458,7 @@ pub fn seconds(ticks: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Values 1 above and 1 below a line in turn.
+    /// Values alternately 1 above and 1 below a line that rises by `gain`.
     fn values(count: u32, gain: f64) -> Vec<(f64, f64)> {
         let value = |i: u32| {
             let time = f64::from(i) / f64::from(count);

@@ -116,7 +116,7 @@ fn words(command: &str) -> Vec<String> {
     words.into_iter().take_while(|word| word != ">").collect()
 }
 
-/// Arguments of `cfmmr`, if the words run it.
+/// Arguments of `cfmmr`; `None` if the words are another command.
 fn arguments(words: &[String]) -> Option<&[String]> {
     let word = |k: usize| words.get(k).map(String::as_str);
     match word(0)? {
@@ -244,7 +244,7 @@ fn run_line(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
     }
 }
 
-/// Writes the files that the commands of a page need.
+/// Writes the files that the commands of a page read: blocks with a file name, and the shortened study.
 fn prepare(folder: &Path, page: &Page) {
     for block in &page.blocks {
         if let Some(name) = block.info.get(1) {

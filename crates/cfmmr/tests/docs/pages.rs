@@ -19,7 +19,7 @@ impl Block {
     }
 }
 
-/// Code in the text.
+/// Inline code in the text of a page.
 pub struct Code {
     pub text: String,
     pub line: usize,
@@ -34,7 +34,7 @@ pub struct Page {
     pub path: PathBuf,
     pub blocks: Vec<Block>,
     pub codes: Vec<Code>,
-    /// Destinations with line numbers.
+    /// Link destinations with line numbers.
     pub links: Vec<(String, usize)>,
     pub anchors: Vec<String>,
 }

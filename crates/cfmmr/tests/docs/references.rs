@@ -107,7 +107,7 @@ fn files_named_in_the_text_exist() {
             let Some(file) = file_of(&code.text) else {
                 continue;
             };
-            // The folder of a pattern must exist.
+            // Of a pattern with `*`, only the folder must exist.
             let path = match file.split_once('*') {
                 Some((before, _)) => before.rsplit_once('/').map_or("", |(folder, _)| folder),
                 None => file,
@@ -131,8 +131,8 @@ fn is_item(code: &Code) -> bool {
         && letters.all(|c| c.is_alphanumeric() || c == '_' || c == ':')
 }
 
-/// Pairs of a source file and an item that a page places in the file: in a table the items after a file, in the text
-/// the items in "`item`, `item` in `file`".
+/// Pairs of a source file and an item that the page says is in the file. In a table cell these are the items after the
+/// file, in the text the items of "`item`, `item` in `file`".
 fn items_of(page: &Page) -> Vec<(&Code, &Code)> {
     let mut found = Vec::new();
     for (k, file) in page.codes.iter().enumerate().filter(|(_, c)| is_source(c)) {
@@ -179,7 +179,7 @@ fn items_named_with_a_file_are_in_it() {
         }
     }
     assert_none(wrong);
-    // The table in docs/theory.md alone has this many.
+    // The table in docs/theory.md alone names that many items, so fewer mean that the search failed.
     assert!(count > 80, "only {count} found");
 }
 

@@ -172,7 +172,7 @@ impl Target for CheckedBoard {
         Ok(())
     }
 
-    /// Refuses a posture while the motors are driven, as the link does.
+    /// Executes a command. Drops `SetPose` while the motors have torque, because the link would refuse it.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let driven = self.torque_nm != Wheels::both(0.0);
         if driven && matches!(command, HostCommand::SetPose(_)) {
@@ -188,7 +188,7 @@ impl Target for CheckedBoard {
         let done = orders.try_for_each(|order| order.execute(lead));
         match (command, done) {
             (HostCommand::Task(task), Ok(())) => checks.clears = *task == Task::Clear,
-            // A new posture restarts the node.
+            // A new posture restarts the lead node, so its checks begin anew.
             (HostCommand::SetPose(_), Ok(())) => *checks = LeadChecks::new(),
             (HostCommand::Lost, Ok(())) | (_, Ok(())) => {}
             (_, Err(_)) => self.findings.lock().unwrap().refused += 1,

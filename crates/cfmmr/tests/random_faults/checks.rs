@@ -28,7 +28,7 @@ const STOPS: [(Condition, u32); 6] = [
     (Condition::TickOverrun, 5),
     (Condition::SupplyHigh, 20),
 ];
-/// Longest stop, ms: `stop_timeout_s` of 2 s plus one tick.
+/// Maximum duration of a stop, ms: `stop_timeout_s` of 2 s plus one tick.
 const STOP_MS: u32 = 2001;
 /// Timeout of the lead's mode and of references, after which an axle stops, ms.
 const COMMAND_MS: u32 = 60;
@@ -63,7 +63,7 @@ struct StateHistory {
     /// True if a reason to stop is latched.
     latched: bool,
     stopping_since: Option<u32>,
-    /// Latest epoch of each message.
+    /// Latest epoch of the messages with each frame identifier.
     epochs: BTreeMap<u16, u32>,
 }
 
@@ -200,7 +200,7 @@ impl AxleChecks {
         self.history.sends(tick, message)
     }
 
-    /// Checks a tick; true if the motors are switched on at this tick.
+    /// Checks the axle at a tick; true if the motors are switched on at this tick.
     pub fn step(
         &mut self,
         tick: u32,
@@ -214,7 +214,7 @@ impl AxleChecks {
         self.history
             .step(tick, supervisor, mode == Some(LeadMode::Clear))?;
         let state = self.history.state;
-        // False for NaN.
+        // Not `!(abs > limit)`, so that NaN is a violation.
         let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
         if !torque_nm.list().iter().all(allowed) {
             return Err(format!("torques are within the limit: {torque_nm:?}"));

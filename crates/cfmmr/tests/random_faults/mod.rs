@@ -18,9 +18,9 @@ use std::sync::{Arc, Mutex};
 
 /// Default number of runs.
 const RUNS: u64 = 30;
-/// Largest wheel speed at which an axle may arm, rad/s.
+/// Limit of the wheel speed at which an axle may arm, rad/s.
 const ARMING_RAD_S: f64 = 5.0;
-/// Largest axle speed at which the robot may begin to drive, m/s.
+/// Limit of the axle speed at which the robot may begin to drive, m/s.
 const BEGIN_M_S: f64 = 0.05;
 
 fn from_environment(name: &str, default: u64) -> u64 {

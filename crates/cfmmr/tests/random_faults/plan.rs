@@ -238,7 +238,7 @@ impl Draw {
         let mut commands = Vec::new();
         while at < RUN_MS {
             match self.below(8) {
-                // Clear the faults, then drive on.
+                // Clears the faults, then drives.
                 0 | 1 => {
                     commands.push((at, HostCommand::Task(Task::Clear)));
                     at += self.0.random_range(15..300);
@@ -340,7 +340,7 @@ impl Draw {
         }
     }
 
-    /// Points on a line from the start; in some paths, some points are odd.
+    /// Path of points on a line from the start. In 30 % of the paths, a fifth of the points is random, even invalid.
     fn path(&mut self) -> HostCommand {
         let start = Scenario::default().mission.start.map(|part| part as f32);
         let odd = self.happens(0.3);

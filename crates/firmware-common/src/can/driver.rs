@@ -161,8 +161,8 @@ pub fn start(
         FROM_BUS.borrow(cs).set(Some(from_bus));
     });
     registers::start(can, rx, tx);
-    // Their priority is above the tick: the handlers take a few microseconds, and the timestamps that they record
-    // synchronise the boards' clocks.
+    // These interrupts preempt the tick: their handlers take only a few microseconds, and a delayed timestamp would
+    // make the boards' common time wrong.
     for interrupt in [interrupt::CAN1_TX, interrupt::CAN1_RX0, interrupt::CAN1_SCE] {
         interrupt.set_priority(Priority::P3);
         // SAFETY: the handlers' data are set before the interrupts are enabled.

@@ -25,7 +25,7 @@ pub struct Waiting {
 pub struct Mailboxes([Option<Waiting>; COUNT]);
 
 impl Mailboxes {
-    /// All mailboxes free.
+    /// Creates the state in which all mailboxes are free.
     pub const fn new() -> Self {
         Self([None; COUNT])
     }

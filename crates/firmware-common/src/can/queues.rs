@@ -9,9 +9,9 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use super::mailboxes::{Mailboxes, Waiting};
 
-/// Messages waiting to be sent; a board sends at most fourteen in an epoch.
+/// Size of the queue of messages to be sent; a board sends at most fourteen messages in an epoch.
 const SENDING: usize = 24;
-/// Frames waiting for the next tick; the bus carries at most nine in a millisecond.
+/// Size of the queue of frames that wait for the next tick; the bus carries at most nine frames in a millisecond.
 const ARRIVED: usize = 32;
 /// Age at which a message is dropped, µs: two epochs.
 const STALE: Micros = 2 * EPOCH;
@@ -26,7 +26,7 @@ pub struct Queues {
 }
 
 impl Queues {
-    /// Both queues, empty.
+    /// Creates both queues, empty.
     pub const fn new() -> Self {
         Self {
             sending: Queue::new(),

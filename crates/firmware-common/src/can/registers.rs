@@ -25,11 +25,11 @@ const BIT_TIMING: BitTiming = match BitTiming::new(APB1_HZ, BIT_RATE) {
 
 /// State of the receive FIFO.
 pub enum Fifo {
-    /// No frame.
+    /// The FIFO holds no frame.
     Empty,
     /// The last frame taken is still being released.
     Releasing,
-    /// At least one frame.
+    /// The FIFO holds at least one frame.
     Frame,
 }
 
@@ -68,7 +68,7 @@ fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(false));
 }
 
-/// Enables the interrupts; `errors` includes those of errors.
+/// Enables the interrupts of sending and receiving; if `errors`, the error interrupt too.
 pub fn enable_interrupts(errors: bool) {
     let mut ier = Ier(0);
     ier.set_tmeie(true);
@@ -112,7 +112,7 @@ pub fn take_finished() -> impl Iterator<Item = (usize, bool)> {
     let status = CAN1.tsr().read();
     let finished = (0..COUNT).filter(move |&mailbox| status.rqcp(mailbox));
     finished.map(move |mailbox| {
-        // Clears the mailbox's other flags too.
+        // A write of 1 to RQCP also clears the mailbox's other flags.
         CAN1.tsr().write(|w| w.set_rqcp(mailbox, true));
         (mailbox, status.txok(mailbox))
     })
@@ -140,7 +140,7 @@ pub fn request(mailbox: usize, frame: &CanFrame) {
 /// State of the FIFO, and true if a frame was lost since the last call.
 pub fn fifo() -> (Fifo, bool) {
     let state = CAN1.rfr(0).read();
-    // Each write sets one flag only: the flags are cleared by writing 1.
+    // Each write has a single 1, because writing 1 clears a flag.
     if state.fovr() {
         CAN1.rfr(0).write(|w| w.set_fovr(true));
     }
@@ -152,7 +152,7 @@ pub fn fifo() -> (Fifo, bool) {
     (fifo, state.fovr())
 }
 
-/// Takes the frame at the head of the FIFO; `None` if it is not a data frame of 11 bits.
+/// Takes the frame at the head of the FIFO; `None` if it is not a data frame with an identifier of 11 bits.
 pub fn take_frame() -> Option<CanFrame> {
     let frame = first_in_fifo();
     CAN1.rfr(0).write(|w| w.set_rfom(true));

@@ -6,9 +6,9 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use static_cell::ConstStaticCell;
 
-/// Frames waiting for the link; a board sends one a tick.
+/// Size of the queue of arrived frames; each sending board sends one frame of the link per tick.
 const ARRIVED: usize = 16;
-/// Frames waiting to be sent: the number of frames of the longest reply.
+/// Size of the queue of frames to be sent: the number of frames of the longest reply.
 const SENDING: usize = 34;
 
 type Frames<const N: usize> = Channel<CriticalSectionRawMutex, CanFrame, N>;

@@ -94,7 +94,7 @@ impl TickEnd {
         }
         if let Some((number, order)) = self.shared.order.try_take() {
             let result = order.execute(lead);
-            // The lead node may have accepted some points of a rejected order, so the recording ends.
+            // A rejected order ends the recording, because the lead node may have accepted some of the order's points.
             self.put(&match result {
                 Ok(()) => Entry::Carried(number),
                 Err(_) => Entry::End,
@@ -115,7 +115,7 @@ impl TickEnd {
         self.shared.motors.store(motors as u8, Ordering::Relaxed);
     }
 
-    /// True once after a host has asked to restart the nodes.
+    /// True at the first call after a host has requested a restart of the nodes.
     pub fn take_begin(&mut self) -> bool {
         self.shared.begin.swap(false, Ordering::Relaxed)
     }

@@ -32,7 +32,7 @@ const IDLE: Duration = Duration::from_millis(100);
 const REPORT_EVERY: Duration = Duration::from_millis(REPORT_MS);
 /// Time without a request after which a session ends.
 const SILENCE: Duration = Duration::from_secs(60);
-/// Time between reports in the log.
+/// Time between two reports of a session in the log.
 const REPORT: Duration = Duration::from_secs(10);
 
 /// Splits the static channels of this board into the tick's end and the link's end; call it once.

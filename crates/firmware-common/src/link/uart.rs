@@ -85,7 +85,7 @@ impl Uart {
         // The priority is below the tick and above the thread, whose reader the handler wakes.
         interrupt::USART3.set_priority(Priority::P6);
         interrupt::USART3.unpend();
-        // SAFETY: the handler of this interrupt is below and shares only signals.
+        // SAFETY: the interrupt has a handler, which shares only signals with the program.
         unsafe { interrupt::USART3.enable() };
         uart.cr1().write(|w| {
             w.set_ue(true);

@@ -32,14 +32,14 @@ pub enum Torn {
     Untouched,
     /// Some bits have their new value.
     Bits,
-    /// Sector: the first part is erased. Word: written.
+    /// Only the first part of the sector is erased; a word is written.
     Front,
-    /// Sector: the last part is erased. Word: written.
+    /// Only the last part of the sector is erased; a word is written.
     Back,
 }
 
 impl Torn {
-    /// All outcomes.
+    /// All outcomes of a power cut.
     pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
 }
 
@@ -60,7 +60,7 @@ pub struct Flash<const SECTOR: usize> {
 }
 
 impl<const SECTOR: usize> Flash<SECTOR> {
-    /// Blank sectors.
+    /// Creates a flash of blank sectors; `seed` is for the random bits of interrupted steps.
     pub fn new(sectors: usize, seed: u64) -> Self {
         Self {
             bytes: vec![0xff; sectors * SECTOR],

@@ -295,7 +295,7 @@ fn damage(rounds: u32, max_bytes: usize) -> Damage {
     let (mut random, mut settings) = (Random(4), Settings::default());
     let mut flash = SmallFlash::new(3, 4);
     for round in 0..rounds {
-        // Changes the state of the sectors from time to time.
+        // Every fiftieth round saves new settings, so that the damage meets different contents of the sectors.
         if round % 50 == 0 {
             change(&mut settings, 5, &mut random);
             flash = save(&flash, &settings).0;
@@ -303,7 +303,7 @@ fn damage(rounds: u32, max_bytes: usize) -> Damage {
         let mut damaged = flash.clone();
         for _ in 0..1 + random.below(max_bytes) {
             let place = random.below(damaged.bytes.len());
-            // Three of four places lie towards the front of a sector, where the items are.
+            // Three of four damaged bytes lie towards the front of a sector, where the items are.
             let place = match random.below(4) {
                 0 => place,
                 _ => place / 4096 * 4096 + place % 4096 / (1 + random.below(8)),
@@ -327,7 +327,7 @@ fn damage(rounds: u32, max_bytes: usize) -> Damage {
     counts
 }
 
-/// No save leaves such sectors; a failed erase or another tool may.
+/// No save leaves sectors that are neither blank nor hold an item; a failed erase or another tool may.
 #[test]
 fn a_store_that_is_not_blank_and_has_no_item_is_reported() {
     let blank = SmallFlash::new(3, 1);

@@ -42,7 +42,7 @@ pub trait Hardware {
     fn check_in(&mut self);
     /// Local time, µs.
     fn now(&self) -> Micros;
-    /// The cycle counter.
+    /// Value of the cycle counter, core cycles.
     fn cycles(&self) -> u32;
     /// True if the board cannot send on the bus.
     fn is_bus_off(&self) -> bool;
@@ -69,7 +69,7 @@ pub trait BoardTick {
 
     /// Waits for the tick; returns its local time and input. `None` skips the tick.
     fn wait(&mut self) -> impl Future<Output = Option<(Micros, Self::Input)>>;
-    /// Samples the sensors, and takes commands that apply before the messages that arrived.
+    /// Samples the sensors, and executes orders that must precede the messages received in this tick.
     fn begin(
         &mut self,
         local: Micros,
@@ -132,7 +132,7 @@ pub struct Common<H> {
     role_conflict: RoleConflict,
     identity: Identity,
     led: Led,
-    /// Ticks since the start: the LED's time in ms, kept without a division.
+    /// Ticks since the start, the LED's time in ms; counted, because a conversion from µs needs a slow division.
     ticks: u32,
     /// The latest tick that was recorded.
     reference: Reference,
@@ -191,7 +191,7 @@ impl<H: Hardware> Common<H> {
         self.link.put(&self.reference.tick(now, samples, torque_nm));
     }
 
-    /// Records the end of the replayable part: the nodes no longer match the board's configuration.
+    /// Records the end of the replayable part, because the nodes no longer match the board's configuration.
     pub fn record_end(&mut self) {
         self.link.put(&Entry::End);
     }

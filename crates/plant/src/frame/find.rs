@@ -9,14 +9,14 @@ impl Strip {
         [end[0] * inverse, end[1] * inverse, end[2]]
     }
 
-    /// Equilibrium at `end` (m, m, rad; root frame) on the branch of a shape given by its curvature (1/m) at fractions
-    /// of the length; the flag is true if the equilibrium is stable under a held end. The angle of `end` is the full
-    /// turn of the strip, not wrapped. `None` if no equilibrium can be reached from the shape.
+    /// Equilibrium at `end` (m, m, rad; root frame) on the branch of a guess: a curve given by its curvature (1/m) at
+    /// fractions of the length. The flag is true if the equilibrium is stable while the end is held. The angle of `end`
+    /// is the full turn of the strip, not wrapped. `None` if no equilibrium is found from the guess.
     ///
-    /// Newton's method starts from the shape. If the method fails or finds another shape, it starts again from the
-    /// exact elastica of the curvatures. If both fail, the end moves in steps from the shape's own end to `end`. A fold
-    /// is where a stable and an unstable shape meet. An end nearer to a fold than the error of the series may have no
-    /// shape.
+    /// Newton's method starts from the guess. If the method fails or finds an equilibrium of another branch, it starts
+    /// again from the exact elastica fitted to the curvatures. If both starts fail, the end moves in steps from the end
+    /// of the guess to `end`. At a fold, a stable and an unstable branch meet. Closer to a fold than the error of the
+    /// curvature series, there may be no equilibrium.
     pub fn find(
         &self,
         end: [f64; 3],
@@ -37,7 +37,7 @@ impl Strip {
             if deviation < OWN_BRANCH {
                 return Some((e, stable));
             }
-            // Near a fold two shapes share an end, and Newton's method may have found the other shape.
+            // Near a fold two equilibria have the same end, and Newton's method may have found the other equilibrium.
             return match self.start_of_exact(&start, fractions, curvature) {
                 Some((own, stable)) if self.deviation(&own, fractions, curvature) < deviation => {
                     Some((own, stable))
@@ -73,7 +73,8 @@ impl Strip {
         Some((e, stable))
     }
 
-    /// Equilibrium at the end in `start`, by Newton's method from the exact elastica of these curvatures.
+    /// Equilibrium at the end in `start`, by Newton's method from the exact elastica fitted to `curvature`. `None` if
+    /// the fit or Newton's method does not converge.
     fn start_of_exact(
         &self,
         start: &Equilibrium,
@@ -99,7 +100,7 @@ impl Strip {
             .map(|n| n as f64 / exact.steps as f64)
             .collect();
         for (n, (fraction, bend)) in grid.iter().zip(exact.curvature(load, &grid)).enumerate() {
-            // Simpson's rule on [−1, 1].
+            // Weights of Simpson's rule on [−1, 1].
             let weight = match n {
                 _ if n == 0 || n == exact.steps => 1.0,
                 _ if n % 2 == 1 => 4.0,
@@ -116,7 +117,7 @@ impl Strip {
         Some((e, stable))
     }
 
-    /// Largest deviation of the curvature from `curvature`, as a share of the largest curvature.
+    /// Largest deviation of the equilibrium's curvature from `curvature`, as a share of the largest curvature.
     fn deviation(&self, e: &Equilibrium, fractions: &[f64], curvature: &[f64]) -> f64 {
         let (mut deviation, mut largest) = (0.0f64, f64::MIN_POSITIVE);
         for (f, k) in fractions.iter().zip(curvature) {
@@ -127,7 +128,8 @@ impl Strip {
         deviation / largest
     }
 
-    /// Newton's method down to rounding error; true if the equilibrium is stable.
+    /// Newton's method down to rounding error. True if the equilibrium is stable. `None` without convergence, or if the
+    /// corrections add up to more than `longest`.
     fn converge(&self, e: &mut Equilibrium, longest: f64) -> Option<bool> {
         let mut travelled = 0.0;
         let mut last = f64::INFINITY;
@@ -138,7 +140,8 @@ impl Strip {
             if !(travelled <= longest) {
                 return None;
             }
-            // The signs of the pivots belong to the force before the correction.
+            // The signs of the pivots, and so the stability, belong to the force before the correction. Correct again
+            // while the force changes.
             let pull = (e.unknowns[MODES] - fx).abs() + (e.unknowns[MODES + 1] - fy).abs();
             if pull > 1e-6 * (1.0 + fx.abs() + fy.abs()) {
                 continue;
@@ -151,7 +154,7 @@ impl Strip {
         None
     }
 
-    /// Least-squares coefficients of orders 1 to 4; the end's angle gives order 0.
+    /// Fits the curvature coefficients of orders 1 to 4 by least squares; the end's angle gives order 0.
     fn fit_shape(&self, z: &mut Column, turn: f64, fractions: &[f64], curvature: &[f64]) {
         const FITTED: usize = 4;
         let mut normal = [[0.0; FITTED + 1]; FITTED];
@@ -167,7 +170,7 @@ impl Strip {
         for i in 0..FITTED {
             normal[i][i] += 1e-9;
         }
-        // Positive definite: no pivoting.
+        // The matrix is positive definite, so elimination needs no pivoting.
         for k in 0..FITTED {
             for i in 0..FITTED {
                 if i != k {
@@ -186,8 +189,8 @@ impl Strip {
         }
     }
 
-    /// Fits the load to the curvatures on the shape in `e` by least squares, and sets `e` to the shape under that load.
-    /// At known positions, curvature is linear in root moment and force.
+    /// Fits root moment and end force to the curvatures by least squares, and sets `e` to the shape under this load.
+    /// The points of the strip are those of `e`: at known points, curvature is linear in root moment and force.
     fn fit_load(&self, e: &mut Equilibrium, fractions: &[f64], curvature: &[f64]) {
         let mut normal = [[0.0; 3]; 3];
         let mut side = [0.0; 3];
@@ -202,7 +205,7 @@ impl Strip {
             }
         }
         for i in 1..3 {
-            // The curvatures of a nearly straight shape do not determine the force along it.
+            // Keeps the matrix regular: the curvatures of a nearly straight strip do not determine the force along it.
             normal[i][i] += 1e-8;
         }
         let Some([moment, fx, fy]) = elastica::solve(&normal, &side) else {

@@ -32,15 +32,17 @@ pub use station::{Station, Tangents};
 
 /// Unknowns: coefficients and two components of the force.
 const UNKNOWNS: usize = MODES + 2;
-/// Largest deviation of the curvature, as a share of the largest curvature, of a shape on the requested branch.
+/// Largest deviation of the curvature at which an equilibrium counts as on the requested branch, as a share of the
+/// largest curvature.
 const OWN_BRANCH: f64 = 3e-3;
 /// Largest number of Newton iterations of one solution.
 const ITERATIONS: u32 = 4;
-/// Allowed error of a force of unit size, estimated from the last correction.
+/// Allowed error of the force components, as a share of 1 + |Fx| + |Fy| in units of EI/L². The error is estimated from
+/// the last corrections.
 const TOLERANCE: f64 = 1e-6;
-/// Largest slope correction in one step of the plant, rad: a larger correction leads to another branch.
+/// Largest allowed slope correction in one step of the plant, rad: a larger correction may lead to another branch.
 const LONGEST_JUMP: f64 = 0.05;
-/// Largest slope correction while internal viscosity holds the shape back, rad.
+/// Largest allowed slope correction while internal viscosity holds the shape back, rad.
 const LONGEST_CREEP: f64 = 0.5;
 
 /// Elastic constants and unloaded shape of the strip.
@@ -50,9 +52,9 @@ pub struct Strip {
     bending: f64,
     /// Axial strain for a unit of force, EI/(EA L²).
     stretch: f64,
-    /// Unloaded curvature times L, rows as in [`MODE`].
+    /// Legendre coefficients of the unloaded curvature times L, in the order of [`MODE`].
     natural: Column,
-    /// Wrench of unit size in SI units.
+    /// Units of the wrench in SI: EI/L², EI/L², EI/L.
     scale: [f64; 3],
 }
 
@@ -70,7 +72,7 @@ pub struct Equilibrium {
     /// Power dissipated by a unit internal viscosity, as a quadratic form of the end's rate.
     viscosity: [[f64; 3]; 3],
     factor: Factor,
-    /// ∂²U/∂a₀∂(unknowns).
+    /// Derivatives of ∂U/∂a₀ with respect to the unknowns.
     coupling: Column,
 }
 
@@ -84,16 +86,16 @@ pub struct Shape {
 /// Result of a solution by Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
-    /// Factorisations used.
+    /// Number of factorisations.
     pub iterations: u32,
     /// True if the equilibrium is stable under a held end.
     pub stable: bool,
 }
 
 impl Strip {
-    /// A strip of `length` (m), bending stiffness EI (N m²) and axial stiffness EA (N), all
-    /// positive. `natural_slope` (rad) is the amplitude of a slight waviness of the unloaded strip
-    /// that leaves its ends aligned; it decides which way a perfectly straight strip buckles.
+    /// A strip of `length` (m), bending stiffness EI (N m²) and axial stiffness EA (N), all positive. `natural_slope`
+    /// (rad) is the amplitude of a slight waviness of the unloaded strip that leaves its ends aligned; the waviness
+    /// decides which way a perfectly straight strip buckles.
     pub fn new(length: f64, bending: f64, axial: f64, natural_slope: f64) -> Self {
         let mut natural = Column::ZERO;
         for i in 0..MODES {
@@ -120,7 +122,8 @@ impl Strip {
         self.length
     }
 
-    /// Position of the end of an unstretched strip, in the root frame and in units of its length.
+    /// Position of the end of an unstretched strip with coefficients `z` and end angle `turn`, in the root frame and in
+    /// units of the length.
     fn ends(&self, z: &Column, turn: f64) -> [f64; 2] {
         let p: Points<Narrow> = self.points(z, turn);
         let weights = Twelve::load(&STRAND_WEIGHTS);
@@ -160,7 +163,7 @@ impl Strip {
         TOLERANCE * (1.0 + e.unknowns[MODES].abs() + e.unknowns[MODES + 1].abs())
     }
 
-    /// Newton's method from the coefficients in `e`. `None` if it does not converge.
+    /// Newton's method from the coefficients in `e`. `None` if the method does not converge.
     #[inline(always)]
     fn iterate<V: Lanes>(
         &self,
@@ -201,9 +204,9 @@ impl Strip {
         None
     }
 
-    /// Equilibrium at `end` (m, m, rad; root frame), followed from the equilibrium in `e`. The start is extrapolated
-    /// with `bend`, the second difference found by [`Self::near`] half-way, or zero. `None` if no stable equilibrium is
-    /// near; `e` then has the new end, its old unknowns and a changed linearisation.
+    /// Equilibrium at `end` (m, m, rad; root frame), followed from the equilibrium in `e`. `bend` corrects the linear
+    /// extrapolation to `end`; it is estimated from [`Self::near`] at half the motion, or zero. `None` if no stable
+    /// equilibrium is near; `e` then has the new end, its old unknowns and a changed linearisation.
     #[inline(always)]
     pub fn follow<V: Lanes>(
         &self,
@@ -224,8 +227,8 @@ impl Strip {
         }
     }
 
-    /// The incremental equilibrium at the end already in `e`, held back by internal viscosity. `None`, with only the
-    /// linearisation of `e` changed, if the solution does not converge or is not stable.
+    /// Equilibrium at the end already in `e`, held back at the previous shape by internal viscosity: `ratio` is τ/h.
+    /// `None`, with only the linearisation of `e` changed, if the solution does not converge or is not stable.
     #[cold]
     #[inline(never)]
     pub fn creep(&self, e: &mut Equilibrium, ratio: f64) -> Option<Solved> {
@@ -240,7 +243,7 @@ impl Strip {
         }
     }
 
-    /// Returns to an earlier equilibrium.
+    /// Restores an earlier equilibrium from its shape.
     #[cold]
     #[inline(never)]
     pub fn restore(&self, e: &mut Equilibrium, shape: Shape) {
@@ -249,8 +252,8 @@ impl Strip {
         self.newton::<Narrow>(e, None);
     }
 
-    /// Wrench at an `end` near the end of `e`, with the factors of `e`, and the departure of the
-    /// coefficients from the linear prediction. `None` if `end` is too far.
+    /// Wrench at an `end` near the end of `e`, found with the factored matrix of `e`, and the difference of the
+    /// coefficients from their linear prediction. `None` if `end` is too far.
     #[inline(always)]
     pub fn near<V: Lanes>(&self, e: &Equilibrium, end: [f64; 3]) -> Option<([f64; 3], Column)> {
         let end = self.scaled(end);
@@ -378,16 +381,16 @@ impl Strip {
         [x * l, y * l, self.angle(e, 2.0 * part - 1.0)]
     }
 
-    /// Bending moment over EI (1/m) at arc length `s` (m), from the balance of moments: an order
-    /// of magnitude more accurate than the series. Equals the strain of a gauge bonded to the unloaded
-    /// strip, divided by the half thickness.
+    /// Bending moment over EI (1/m) at arc length `s` (m), from the balance of moments: an order of magnitude more
+    /// accurate than the curvature series. Equals the strain of a gauge bonded to the unloaded strip, divided by the
+    /// half thickness.
     pub fn elastic_curvature(&self, e: &Equilibrium, s: f64) -> f64 {
         let [x, y, _] = self.point(e, s);
         let [fx, fy, _] = self.wrench(e);
         (self.root_moment(e) + fx * y - fy * x) / self.bending
     }
 
-    /// Elastic curvature (1/m) by the series, which is also valid while the strip snaps through.
+    /// Elastic curvature (1/m) from the curvature series, which is also valid while the strip snaps through.
     pub fn series_curvature(&self, e: &Equilibrium, s: f64) -> f64 {
         let xi = 2.0 * (s / self.length).clamp(0.0, 1.0) - 1.0;
         let mut k = e.end[2];

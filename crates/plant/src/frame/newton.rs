@@ -17,7 +17,7 @@ const X: usize = MODES;
 /// Index of the force along y among the unknowns.
 const Y: usize = MODES + 1;
 
-/// A number for each unknown, in groups of four; the last two places are zero.
+/// A number for each unknown, in groups of four; the last two numbers are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
 pub struct Column(pub [[f64; 4]; 3]);
@@ -77,7 +77,7 @@ impl Factor {
         negative: 0,
     };
 
-    /// Solves for one right-hand side.
+    /// Solution of the factored system for the right-hand side `r`.
     #[inline(always)]
     fn solve<V: Lanes>(&self, r: Twelve<V>) -> Twelve<V> {
         let mut r = r.0;
@@ -94,8 +94,8 @@ impl Factor {
         }
         forward!(0 1 2 3 4 5 6 7 8);
         let y = Column::store(Twelve(r) * self.reciprocal.load());
-        // Unknown by unknown from the last. The unknown found last is subtracted last, so that each unknown waits for
-        // one product only.
+        // Back substitution, from the last unknown to the first. In each row the unknown found last is subtracted last:
+        // only its product waits for the unknown.
         let mut x = Column::ZERO;
         macro_rules! backward {
             ($($k:literal)+) => {
@@ -121,7 +121,7 @@ pub(super) struct Points<V> {
     pub tension: Twelve<V>,
     /// Force across the strip.
     pub shear: Twelve<V>,
-    /// Weight times length over unstrained length.
+    /// Quadrature weight times stretch: length over unstrained length.
     pub length: Twelve<V>,
 }
 
@@ -217,7 +217,8 @@ impl Strip {
             integrals(axial * p.cos, axial * p.sin, rise * turn, rise * across);
         let give_yy = self.stretch - give_xx;
 
-        // Products with the slope functions, mode by mode: x, y, turn, gradient.
+        // Integrals of each slope function times four integrands: force along x, force along y, turn of the end,
+        // gradient.
         let (cx, cy) = (fold(cx), fold(cy));
         let (turn, across) = (fold(Twelve([none; 3]) - turn), fold(across));
         let outer = (
@@ -247,7 +248,7 @@ impl Strip {
             side[i] = sum;
         }
 
-        // Second derivatives by the coefficients.
+        // Second derivatives with respect to the coefficients.
         let (ge, go) = fold(g);
         let ge: [V; 6] = [
             ge[0].spread(0),
@@ -381,7 +382,7 @@ const DIAGONAL: [[f64; 4]; 6] = {
     table
 };
 
-/// Slope functions at the positive node `k`, even (`g` = 0) or odd ones.
+/// Slope functions at the positive node `k`: even functions if `g` = 0, else odd functions.
 #[inline(always)]
 fn slopes<V: Lanes>(k: usize, g: usize) -> V {
     let s = &SLOPES[k];
@@ -396,7 +397,7 @@ fn factor<V: Lanes>(
     a: &mut [[V; 3]; UNKNOWNS],
     coupling: &Column,
 ) -> ([Twelve<V>; 4], V) {
-    /// Lanes right of a diagonal entry.
+    /// Masks of the lanes right of a diagonal entry.
     const RIGHT: [[f64; 4]; 4] = [
         [0.0, 1.0, 1.0, 1.0],
         [0.0, 0.0, 1.0, 1.0],
@@ -457,7 +458,7 @@ fn factor<V: Lanes>(
             $({
                 let row = &factor.row[$k];
                 let mut v = scaled[$k] - V::splat(row[X]) * x - V::splat(row[Y]) * y;
-                // The unknown found last is subtracted last.
+                // The unknown found last is subtracted last: only its product waits for the unknown.
                 for j in (($k + 1)..MODES).rev() {
                     v = v - V::splat(row[j]) * s[j];
                 }

@@ -5,8 +5,8 @@ use super::super::legendre::{LANES, MODE, MODES, NODES, ORDER, POINTS, Strand, W
 use super::super::legendre::{polynomial, slope};
 use super::{Equilibrium, Strip};
 
-/// Prepared place along the strip. Integrals from the root to the place are sums over the same twelve
-/// nodes, with the weights of the polynomial through the nodes.
+/// Prepared place along the strip. Integrals from the root to the place are sums over the twelve quadrature nodes, with
+/// the weights of the polynomial through the nodes.
 #[derive(Clone, Copy, Debug)]
 pub struct Station {
     weights: Strand,

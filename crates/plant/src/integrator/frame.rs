@@ -13,7 +13,7 @@ pub struct Frame {
     pub strip: Strip,
     pub clamps: Clamps,
     damping: f64,
-    /// Length of a step, s.
+    /// Length of a substep, s.
     step: f64,
     pub equilibrium: Equilibrium,
     bend: Column,
@@ -26,12 +26,12 @@ pub struct Frame {
     viscosity: Mat3,
     /// Elastic wrench on the strip's end.
     pub elastic: Vec3,
-    /// Elastic wrench plus damping.
+    /// Elastic wrench plus damping, on the strip's end.
     pub total: Vec3,
 }
 
 impl Frame {
-    /// Unloaded frame from checked constants; `step` is the length of a step, s.
+    /// Unloaded frame from checked constants; `step` is the length of a substep, s.
     pub fn new(config: &PlantConfig, step: f64) -> Self {
         let strip = Strip::new(
             config.strip_length_m,
@@ -85,7 +85,7 @@ impl Frame {
         [x - self.clamps.root_length, y, turn]
     }
 
-    /// Updates wrench and stiffness.
+    /// Updates the frame's wrench and stiffness at these body velocities of the axles.
     #[inline(always)]
     pub fn linearise(&mut self, velocities: &[Vec3; 2]) {
         if self.snapped {
@@ -105,7 +105,7 @@ impl Frame {
         add(elastic, self.damping, &times(&self.viscosity, rate))
     }
 
-    /// Change of the wrench over a step `h` for a unit change of the end's rate.
+    /// Change of the wrench over a step `h` for a unit change of the rate of the strip's end.
     #[inline(always)]
     pub fn response(&self, h: f64) -> Mat3 {
         let mut response = [[0.0; 3]; 3];
@@ -118,8 +118,8 @@ impl Frame {
         response
     }
 
-    /// Elastic wrench at an end near the present end. If the wrench is not found, its linear prediction with `force`,
-    /// else `None`.
+    /// Elastic wrench at an end near the present end; zero for a broken frame. A creeping frame gives the linear
+    /// prediction. Any other frame whose wrench is not found gives the linear prediction with `force`, else `None`.
     #[inline(always)]
     pub fn wrench_near<V: Lanes>(
         &mut self,
@@ -183,7 +183,7 @@ impl Frame {
         health.failures += 1;
     }
 
-    /// Returns to an earlier equilibrium.
+    /// Restores an earlier equilibrium from its shape.
     #[cold]
     pub fn restore(&mut self, shape: Shape) {
         self.strip.restore(&mut self.equilibrium, shape);

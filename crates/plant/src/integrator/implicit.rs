@@ -1,4 +1,4 @@
-//! Linear equations of a step.
+//! Linear equations that each stage of a step solves.
 
 use super::{Group, pair};
 use crate::geometry::{Geometry, Mat3, Vec3, add, inverse, product, scaled, times};
@@ -9,9 +9,10 @@ use crate::wheel::{Contact, Eliminated};
 
 /// The linear equations of a stage of length `h` (s), of `N` axles, `F` frames and `G` groups of wheels.
 ///
-/// With A the axles' compliance, K the frames' response and J the frames' rates by the axles' velocities, the change of
-/// the velocities is A·b − A·Jᵀ·K·r, where (I + J·A·Jᵀ·K)·r = J·A·b. That matrix has blocks of 3 × 3 on and beside its
-/// diagonal, since a frame acts on two axles. The blocks are eliminated from the first frame to the last.
+/// With A the axles' compliance, K the frames' response and J the derivative of the rates of the frames' ends with
+/// respect to the axles' velocities, the change of the velocities is A·b − A·Jᵀ·K·r, where (I + J·A·Jᵀ·K)·r = J·A·b.
+/// The matrix I + J·A·Jᵀ·K has blocks of 3 × 3 on and beside its diagonal, since a frame acts on two axles. The blocks
+/// are eliminated from the first frame to the last.
 pub struct Implicit<V, const N: usize, const F: usize, const G: usize> {
     h: f64,
     pub wheels: [Eliminated<V>; G],

@@ -10,11 +10,11 @@ use crate::loads::check_payload;
 use crate::state::{AxleState, Health, Wrench};
 use declare::ConfigError;
 
-/// Prepared places along a frame, from [`Plant::outline`].
+/// Prepared points along a frame, from [`Plant::outline`].
 #[derive(Clone, Debug)]
 pub struct Outline {
     frame: usize,
-    /// Place on the strip, and distance beyond the strip (m).
+    /// Nearest place on the strip, and signed distance (m) from there along a rigid end; negative at the root.
     places: Vec<(Station, f64)>,
 }
 
@@ -64,7 +64,7 @@ impl Plant {
         self.health.steps as f64 * self.step
     }
 
-    /// The axles.
+    /// States of the axles, front first.
     pub fn axles(&self) -> &[AxleState] {
         &self.axles
     }
@@ -125,7 +125,8 @@ impl Plant {
         self.frames[frame].strip.station(s)
     }
 
-    /// Elastic curvature (1/m) at each gauge of a frame: [`Self::curvature`] with nodes shared by all gauges.
+    /// Elastic curvature (1/m) at each gauge of a frame: [`Self::curvature`] with the tangents of the strip computed
+    /// once for all gauges.
     pub fn gauges(&self, frame: usize, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
         let Frame {
             strip,
@@ -150,7 +151,8 @@ impl Plant {
         }
     }
 
-    /// `points` places along a frame, at equal steps from the axle behind to the axle ahead, for [`Self::draw`].
+    /// Prepares `points` points along a frame, at equal distances from the axle behind to the axle ahead, for
+    /// [`Self::draw`].
     pub fn outline(&self, frame: usize, points: usize) -> Outline {
         let Frame { strip, clamps, .. } = &self.frames[frame];
         let (length, root) = (strip.length(), clamps.root_length);
@@ -178,7 +180,7 @@ impl Plant {
         let ahead = unrotate(&rotate(&clamps.tip, geometry.turn), clamps.root);
         for ((station, rest), out) in outline.places.iter().zip(out) {
             let [x, y] = strip.position(&tangents, station);
-            // The rigid ends point as the clamps do.
+            // A rigid end extends in the direction of its clamp.
             let [c, s] = if *rest > 0.0 { ahead } else { [1.0, 0.0] };
             let point = [x + clamps.root_length + rest * c, y + rest * s];
             let [x, y] = rotate(&rotate(&point, clamps.root), geometry.rear);
@@ -202,7 +204,7 @@ impl Plant {
         strips.sum::<f64>() + bodies.sum::<f64>() + groups.sum::<f64>()
     }
 
-    /// Counters since [`Self::place`].
+    /// Counters of steps, factorisations and snap-throughs since [`Self::place`].
     pub fn health(&self) -> Health {
         self.health
     }

@@ -164,8 +164,8 @@ fn dense(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     b
 }
 
-/// Compares the solution with the solution of the whole system (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is the frame's
-/// rate for a unit velocity.
+/// Compares the solution by blocks with the solution of the whole system (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is
+/// the rate of the frame's end for a unit velocity of an axle.
 fn solution_is_that_of_the_whole_system<const N: usize, const F: usize, const G: usize>() {
     let mut plant = PlantConfig::default().build(N).unwrap();
     for k in 0..700 {
@@ -257,7 +257,7 @@ fn chains_snap_through_without_failure_and_keep_their_energy_bounded() {
                     .map(|i| [wave(2 * i, t), wave(2 * i + 1, t)])
                     .collect();
                 plant.step(&torque);
-                // With its wheels at no-load speed and moving at the corresponding speed, an axle has 6.5 J.
+                // Kinetic energy of an axle at the no-load speed of its wheels: 6.5 J.
                 assert!(
                     plant.energy() < 30.0 * axles as f64,
                     "{axles} axles, drive {n}"

@@ -76,7 +76,7 @@ impl Json {
             .map_err(failed)
     }
 
-    /// One channel per board.
+    /// Opens a channel for one topic of each board.
     fn of_boards(
         sink: &Sink,
         topics: &[Topic],
@@ -101,7 +101,7 @@ impl Json {
     }
 }
 
-/// Channel of one of Foxglove's messages.
+/// Channel for messages of one of Foxglove's schemas.
 fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
     ChannelBuilder::new(topic).context(sink.context()).build()
 }
@@ -140,7 +140,7 @@ pub struct Mcap {
     epochs: u64,
     end: RunEnd,
     whole: bool,
-    /// Goal and path of the run, for viewers that connect later.
+    /// Goal of the run, sent to viewers that connect later; below, reference path.
     planned_goal: Option<PoseInFrame>,
     planned_path: Option<PosesInFrame>,
 }
@@ -254,7 +254,7 @@ impl Mcap {
         u64::try_from(micros).unwrap_or_default() * 1000
     }
 
-    /// Writes a line of the recording.
+    /// Writes an event of the recording.
     pub fn note(&mut self, line: &Line) {
         let at = |tick: u32| self.nanos(tick);
         match line {

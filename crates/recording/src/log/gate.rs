@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-/// Longest HTTP head of a request, bytes.
+/// Limit of the length of a request's HTTP head, bytes.
 const LONGEST_HEAD: usize = 16 * 1024;
-/// Timeout for the HTTP head.
+/// Timeout for receiving the HTTP head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(5);
 
 /// Listener that passes accepted connections to the server behind it.
@@ -72,7 +72,7 @@ pub fn hidden_address() -> Ipv4Addr {
     Ipv4Addr::new(127, a.max(1), b, c.clamp(1, 254))
 }
 
-/// Passes a connection on or rejects it.
+/// Passes a connection on to the server, or rejects the connection because of its origin.
 fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::Result<()> {
     outside.set_nodelay(true)?;
     outside.set_read_timeout(Some(HEAD_WITHIN))?;
@@ -114,7 +114,7 @@ fn head(from: &mut TcpStream) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Origin of a request, if it has one.
+/// Content of the `Origin` header of a request; `None` without this header.
 fn origin(head: &[u8]) -> Option<String> {
     let head = String::from_utf8_lossy(head);
     let mut fields = head.lines().skip(1).map_while(|line| line.split_once(':'));

@@ -46,14 +46,15 @@ fn matches(given: Option<&[u8]>, sum: Option<u32>, of: &str) -> Result<(), Strin
     let given = given
         .and_then(|given| given.first_chunk())
         .map(|given| u32::from_le_bytes(*given));
-    // In fuzzing every checksum passes: random input could not match it.
+    // Fuzzing accepts every checksum, because random input cannot match one.
     match cfg!(fuzzing) || given.is_some() && given == sum {
         true => Ok(()),
         false => Err(format!("damaged: the checksum of {of} does not match")),
     }
 }
 
-/// Rejects a record of another length; no checksum covers the length.
+/// Rejects a record whose content is not `length` bytes long. This check is needed because no checksum covers the
+/// length.
 fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), String> {
     match content.len() == length {
         true => Ok(()),
@@ -64,7 +65,7 @@ fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), Strin
     }
 }
 
-/// Replaces `content` by the next bytes of a file; false if the file has fewer.
+/// Replaces `content` by the next `length` bytes of a file; false if the file ends earlier.
 fn fill(content: &mut Vec<u8>, file: impl Read, length: u64) -> io::Result<bool> {
     content.clear();
     file.take(length).read_to_end(content)?;
@@ -140,7 +141,8 @@ pub fn check(mut file: impl Read + Seek) -> Result<(), String> {
 
 /// Rejects a chunk whose records do not fill it. For a compressed chunk the reader does this check.
 fn check_chunk(content: &[u8]) -> Result<(), String> {
-    // Start, end, size and checksum, then the name of the compression.
+    // Bytes 0 to 27 hold start, end, size and checksum; bytes 28 to 31 hold the length of the compression's name, 0 if
+    // the chunk is not compressed.
     let name = content.get(28..32).and_then(|name| name.first_chunk());
     let plain = name.ok_or("truncated")? == &[0; 4];
     let length = content.get(32..).and_then(number);

@@ -15,7 +15,7 @@ use std::{mem, thread};
 /// Polling interval while waiting for a viewer.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Longest time for viewers to take the queued messages at the end.
+/// Timeout at the end of a run for viewers to take the queued messages.
 const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Subscriptions since the last call of [`Server::joined`], and true once a viewer has subscribed.
@@ -33,7 +33,7 @@ impl ServerListener for Viewers {
     }
 }
 
-/// Server of all channels of a context.
+/// Websocket server of all channels of a Foxglove context.
 pub struct Server {
     handle: WebSocketServerHandle,
     viewers: Arc<Viewers>,
@@ -41,8 +41,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts the server; port 0 selects a free port. Web pages of other machines may connect only from these
-    /// origins.
+    /// Starts the server; port 0 selects a free port. Web pages of other machines may connect only from `origins`.
     pub fn start(
         context: &Arc<Context>,
         address: SocketAddr,
@@ -94,7 +93,7 @@ impl Server {
         self.handle.broadcast_time(nanos);
     }
 
-    /// Subscriptions since the last call.
+    /// Subscriptions since the last call: channel and viewer.
     pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
         let joined = self.viewers.joined.lock();
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))

@@ -27,7 +27,7 @@ use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::{Cursor, Read, Seek};
 
-/// Longest delay of the lead node's output after the front board's tick in a log, ms.
+/// Limit of the delay of the lead node's output after the front board's tick in a log, ms; a later output is an error.
 pub const MAX_OUTPUT_DELAY_MS: u32 = 10_000;
 
 /// Event of a board in a log.
@@ -85,7 +85,7 @@ pub struct RecordedTick {
     pub lead: Option<Box<lead::Output>>,
 }
 
-/// A log without the events of its boards.
+/// Metadata and true states of a log, without the events of its boards.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     /// Metadata of the run.
@@ -96,11 +96,11 @@ pub struct Run {
     pub truth: BTreeMap<u32, TruthEntry>,
     /// Common time of the boards at the start of the run, µs.
     pub zero_us: Option<i64>,
-    /// Largest number of ticks of a board.
+    /// Number of ticks of the board that has the most ticks.
     pub ticks: usize,
 }
 
-/// Robot of the logs of format 3.
+/// Robot in every log of format 3: two axles.
 pub const ROBOT: Topology = Topology::PAIR;
 
 /// Events of each board, in the order of [`Topology::boards`].
@@ -116,13 +116,13 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Largest number of ticks of a board.
+    /// Number of ticks of the board that has the most ticks.
     pub fn ticks(&self) -> usize {
         self.run.ticks
     }
 }
 
-/// Reads a log in memory; `name` identifies it in errors.
+/// Reads a log in memory; `name` identifies the log in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut boards = vec![Vec::new(); ROBOT.board_count()];
     let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
@@ -132,8 +132,8 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
 
 /// Reads a log and passes the events of each board to `to`, in order; `name` identifies the log in errors.
 ///
-/// The checksums are checked before the first event. The messages are checked during reading: after an error the log
-/// is damaged, and the earlier events are invalid.
+/// The checksums are checked before the first event, the messages during reading. An error therefore also means that
+/// the events passed so far are invalid.
 pub fn stream(
     mut file: impl Read + Seek,
     name: &str,
@@ -229,10 +229,10 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 struct Board {
     /// Time of the latest event, ms.
     last: Option<u32>,
-    /// Frames sent since the latest tick entry, with their ticks, ms.
+    /// True while the board is on. Frames and outputs of a board that is off are ignored.
     on: bool,
     ticks: usize,
-    /// Frames sent at the tick whose entry follows.
+    /// Frames that the board sent since its latest recorded tick, each with its tick, ms.
     sent: Vec<(u32, CanFrame)>,
 }
 
@@ -245,7 +245,8 @@ struct Reader<'a> {
     front: VecDeque<Event>,
     /// Outputs of the lead node by tick, ms; a board behind a link delivers them later than the tick.
     leads: HashMap<u32, Box<lead::Output>>,
-    /// Time of the front board's latest event that was passed on, ms; `None` until one was passed on after its start.
+    /// Time of the front board's latest event that was passed on, ms; `None` from the board's start until an event was
+    /// passed on.
     released: Option<u32>,
     to: &'a mut dyn FnMut(Role, Event),
 }
@@ -263,7 +264,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Board and kind of a board's topic.
+    /// Board of a topic and kind of its messages; `None` if the topic belongs to no board.
     fn board_of<'t>(&self, topic: &'t str) -> Option<(Role, &'t str)> {
         let (name, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
         let role = self
@@ -426,7 +427,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Frames of the nodes at this tick. Frames of other ticks belong to ticks without a reply and are dropped.
+/// Takes the frames that the nodes sent at `tick`, and drops the frames of other ticks: the board did not reply to
+/// those ticks.
 fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
     let of_nodes = |(at, frame): &(u32, CanFrame)| *at == tick && is_of_nodes(frame);
     let frames = sent.drain(..).filter(of_nodes);

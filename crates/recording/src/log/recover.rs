@@ -75,7 +75,8 @@ impl<W: Write + Seek> LogCopy<W> {
                 Some(Ok((op::CHUNK, at, content))) => self.chunk(at, content)?,
                 Some(Ok((operation, _, content))) => self.record(operation, content)?,
                 Some(Err(_)) if bytes.get(at) == Some(&op::CHUNK) => {
-                    // An unfinished chunk: its head has neither length nor checksum.
+                    // The head of an unfinished chunk has no length and no checksum, so the chunk's records are read
+                    // one by one.
                     let inner = bytes.get(at + 9 + CHUNK_HEAD..).unwrap_or_default();
                     self.records(inner)?;
                     self.note_missing(format!("the chunk at byte {at} is cut off"));
@@ -230,7 +231,7 @@ mod tests {
             assert!(!found.missing.is_empty());
             let read = read::read(&copy, "copy").unwrap();
             for (part, all) in read.boards.iter().zip(&whole.boards) {
-                // The last events of a board may lack an output of the lead node that followed later.
+                // The log may be cut before an output of the lead node that belongs to the last events.
                 let kept = part.len().saturating_sub(2);
                 assert_eq!(part[..kept], all[..kept]);
             }

@@ -117,7 +117,7 @@ impl ReplayedBoard {
         result.map_err(|fault| self.failed(tick, fault))
     }
 
-    /// Replays a tick, with these frames arriving before it.
+    /// Replays a tick. The frames `received` arrive before the tick.
     fn step(&mut self, step: &RecordedTick, received: &[CanFrame]) -> Result<TickResult, Error> {
         let failed = |replayed_board: &Self, fault| replayed_board.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
@@ -145,7 +145,7 @@ impl ReplayedBoard {
         })
     }
 
-    /// First difference from the recorded tick.
+    /// First difference between the recorded and the replayed tick; `None` without a difference.
     fn divergence(&self, step: &RecordedTick, done: &TickResult) -> Option<Divergence> {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {
@@ -237,7 +237,8 @@ impl Comparison {
         }
     }
 
-    /// Earliest difference of all boards; `None` without one. An error if a board's replay failed before that.
+    /// Earliest difference of all boards; `None` without a difference. An error if the replay of a board failed before
+    /// the earliest difference.
     pub fn first(self) -> Result<Option<Divergence>, Error> {
         let mut first: Option<Divergence> = None;
         for (tick, found) in self.boards.into_iter().filter_map(|board| board.found) {
@@ -303,7 +304,7 @@ pub fn replay_estimates(
         .filter_map(|rest| rest.peek().map(|event| event.tick()))
         .min()
     {
-        // A frame sent at a tick arrives at a later tick.
+        // Frames are exchanged after all boards have run the tick, because a frame arrives at a later tick.
         let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
         for (replayed_board, rest) in replayed.iter_mut().zip(&mut rest) {
             while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
@@ -354,9 +355,11 @@ pub struct Quality {
     pub final_position_m: Option<f64>,
     /// Heading error at the end, rad; `None` without the true state.
     pub final_heading_rad: Option<f64>,
-    /// Root mean square of the position error of the front axle in the rear axle's frame, m.
+    /// Root mean square of the position error of the front axle in the rear axle's frame, m; `None` without the true
+    /// state.
     pub relative_rms_m: Option<f64>,
-    /// Mean normalised estimation error squared (NEES) of the midpoint; 3 if its covariance is right.
+    /// Mean normalised estimation error squared (NEES) of the midpoint; 3 if its covariance is right. `None` without
+    /// the true state.
     pub mean_nees: Option<f64>,
     /// Mean normalised innovation squared (NIS) of the beam; 0.1 to 0.5 is expected.
     pub mean_nis: f64,

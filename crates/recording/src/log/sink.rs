@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tempfile::{NamedTempFile, TempPath};
 
-/// First error of a writer that does not report its errors.
+/// First write error of a log, kept here because the MCAP writer does not report its errors.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
-/// File of a log that keeps its first error.
+/// File of a log; stores its first write error.
 struct LogFile {
     file: BufWriter<File>,
     error: FirstError,
@@ -79,7 +79,7 @@ pub struct Sink {
     handle: Option<McapWriterHandle<LogFile>>,
     server: Option<Server>,
     error: FirstError,
-    /// Path before the file is complete, and final path.
+    /// Path of the temporary file, used until the log is complete; below, final path.
     temporary: Option<TempPath>,
     path: Option<PathBuf>,
 }

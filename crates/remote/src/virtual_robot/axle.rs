@@ -33,14 +33,14 @@ const LED: Pin = Pin::new('C', 12);
 
 /// Supply of the chip, the amplifiers and the sensors, V.
 const LOGIC_V: f64 = 3.3;
-/// Temperature between the drivers, °C.
+/// Temperature of the thermistor between the drivers, °C.
 const AMBIENT_C: f64 = 25.0;
 /// Two PWM periods: after that time without a pulse a motor counts as not driven.
 const PULSE_PERIODS: Time = Time::from_micros(100);
-/// Longest bounce of the contacts.
+/// Limit of the bounce time of the contacts.
 const BOUNCE: Time = Time::from_micros(5_000);
 
-/// Motion of a wheel from a given time: angle (rad) and speed (rad/s), positive forward.
+/// Motion of a wheel from a given time on: angle (rad) and speed (rad/s), positive forward.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
     /// Wheel's angle at the given time, rad.
@@ -49,7 +49,7 @@ pub struct WheelMotion {
     pub speed_rad_s: f64,
 }
 
-/// Motion of an axle from a given time.
+/// Motion of an axle from a given time on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
     /// Motions of the wheels (left, right).
@@ -58,7 +58,7 @@ pub struct AxleMotion {
     pub inertial: Motion,
 }
 
-/// Parts that differ from axle to axle.
+/// Properties of an axle board's parts that differ between axles.
 #[derive(Clone, Debug)]
 pub struct AxleParts {
     /// True if the strap marks the rear axle.
@@ -76,15 +76,15 @@ pub struct AxleParts {
 }
 
 impl AxleParts {
-    /// Parts of an axle of a scenario, as drawn for the trial.
+    /// Properties of an axle's parts in a scenario, as drawn for the trial.
     pub fn of(scenario: &Scenario, drawn: &Drawn, axle: AxleId, seed: u64) -> Self {
         let k = axle.index();
         let (gyro, accelerometer) = (
             &scenario.world.sensors.gyro,
             &scenario.world.sensors.accelerometer,
         );
-        // Bias at power-on, which the board removes by its average at rest. The later bias comes from the world's
-        // sensors.
+        // Bias at power-on; the board removes it by averaging at rest. Once all nodes are ready, the world's sensor
+        // model adds its own bias to the motion.
         let mut random = generator(seed, 0, Stream::Other(0x202));
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
@@ -120,9 +120,9 @@ pub struct AxleBoard {
     pub(super) stop: Contact,
     pub(super) button: Contact,
     pub(super) serial: SerialLine,
-    /// Edges of the LED, which is lit from each even edge to the next.
+    /// Times of the LED's edges. The LED is lit from each edge of even index to the next edge.
     pub(super) led: Vec<Time>,
-    /// Strap closed to ground; true once the level was passed to the chip.
+    /// True if the strap is closed to ground, and true once this level was passed to the chip.
     strap: (bool, bool),
     /// Times of future events at the drivers, such as the start and the end of a fault.
     driver_events: Vec<Time>,
@@ -453,7 +453,8 @@ mod tests {
         }
     }
 
-    /// The boot loader drives PA9 while nSLEEP is low, so the bridge stays off, and PB10 as the image does.
+    /// The boot loader drives two wired pins. PA9 is harmless because the bridge stays off while nSLEEP is low; PB10 is
+    /// an output of the image too.
     #[test]
     fn boot_loader_drives_no_wired_pin_against_a_part() {
         let driven = olimex_h405::LOADER.iter().filter(|pin| pin.driven);
@@ -465,8 +466,8 @@ mod tests {
         assert!(!wired.contains(&AWAKE));
     }
 
-    /// Largest error of the sampled currents of an axle board at these duty cycles, A, with the slowest amplifier
-    /// that the data sheet allows.
+    /// Largest error of the sampled motor currents, A, at the given duty cycles and with the slowest amplifier that the
+    /// data sheet allows.
     fn sampling_error(duties: [f64; 2]) -> f64 {
         const TOP: u16 = sampling::AXLE.top;
         let compares = duties.map(|duty| (duty * f64::from(TOP)) as u16);

@@ -11,7 +11,7 @@ use virtual_board::Time;
 use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
 use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor, olimex_h405};
 
-/// Pins of the bridges, from the root.
+/// Pins of the strain bridges, counted from the root of the strip.
 const BRIDGES: [Pin; 5] = [
     Pin::new('C', 0),
     Pin::new('C', 1),
@@ -42,7 +42,7 @@ pub struct BridgeParts {
     pub drift: f64,
     /// Zero shift of the bridge per kelvin, strain.
     pub zero_per_k: f64,
-    /// Deviation of the creep share from its mean.
+    /// Creep of the gauges minus its mean, as a share of the strain.
     pub creep_error: f64,
 }
 
@@ -60,7 +60,7 @@ impl BridgeParts {
     }
 }
 
-/// A bridge with drift and ageing.
+/// Strain bridge whose zero drifts and whose gauges age.
 #[derive(Clone)]
 struct Drifting {
     bridge: Bridge,
@@ -83,7 +83,7 @@ pub struct BeamBoard {
     countdown: u32,
 }
 
-/// Device model of a bridge of the world's sensors.
+/// Configuration of the simulated bridge device from the world's bridge parameters and the bridge's errors.
 fn device(config: &BridgeConfig, parts: &BridgeParts) -> DeviceConfig {
     let factor = config.gauge_factor * f64::from(config.active_gauges) / 4.0;
     DeviceConfig {
@@ -157,8 +157,8 @@ impl BeamBoard {
         }
     }
 
-    /// Sets the true strains at `at`, which continue with their latest slope; call it once per millisecond. On
-    /// return, `strains` includes creep, thermal effects and drift of the gauges.
+    /// Sets the true strains at `at`. Call this function once per millisecond; between two calls each strain continues
+    /// with its latest slope. On return, `strains` includes creep, thermal effects and drift of the gauges.
     pub fn strain(&mut self, at: Time, strains: &mut [f64]) {
         self.countdown -= 1;
         let step = self.countdown == 0;

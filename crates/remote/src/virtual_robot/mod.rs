@@ -36,7 +36,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{FrameId, Node, Role, Topology};
-use host_sim::base::error::Error;
+use host_sim::base::error::{Error, Refusal};
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::{Record, Robot, RunControl, outlines};
@@ -59,14 +59,15 @@ use virtual_board::wire::{Id, Wire};
 const TICK: Time = Time::from_micros(1_000);
 /// Time for which the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
-/// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
+/// Timeout from power-on until all nodes are ready.
 const BOOT_TIMEOUT: Time = Time::from_micros(5_000_000);
+/// Number of ticks for which all nodes must stay ready.
 const READY_TICKS: u32 = 100;
 /// Duration of a press of the button.
 const PRESS_DURATION: Time = Time::from_micros(150_000);
-/// Largest frequency error of the crystals, parts in 10⁹.
+/// Limit of the random frequency errors of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
-/// Ticks that a run continues after the lead node's fault, to show its effects.
+/// Number of ticks for which a run continues after the lead node's fault, to show its effects.
 const TICKS_AFTER_FAULT: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
@@ -92,7 +93,8 @@ pub struct VirtualRobot {
     half_thickness: f64,
     /// Strains at the gauges of each frame: true strain plus drift.
     strains: Vec<[f32; MAX_GAUGES]>,
-    /// Source of the inertial sensors' biases once all nodes are ready; each board's average at rest ends before that.
+    /// Sensor model of the simulated world; gives the inertial sensors' biases once all nodes are ready, which is after
+    /// the boards' averages at rest.
     sensors: Box<Sensors>,
     /// True if inertial sensors are fitted.
     inertial: bool,
@@ -105,15 +107,15 @@ pub struct VirtualRobot {
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
-    /// Placement of the robot that the lead node is configured with.
+    /// Start posture of the robot, with its uncertainty, as set in the lead node.
     place: Placement,
     /// Latest output of the lead node received over the link.
     lead: lead::Output,
-    /// Time of validity of the estimates in `lead`, µs since power-on.
+    /// Time of validity of the estimates in `lead`, µs since power-on; `None` until an output is received.
     estimate_time: Option<Micros>,
     task: Task,
     frames: u64,
-    /// Time of validity of the estimates in `lead`, µs since power-on; `None` until an output is received.
+    /// Time from power-on until all nodes were ready; zero until then.
     booted: Time,
     tick: u64,
     control: RunControl,
@@ -122,7 +124,7 @@ pub struct VirtualRobot {
     /// Reason why the run must end, a lost or restarted board; `None` while the run may continue.
     failure: Option<String>,
     tools: Tools,
-    /// Blocked wheel (axle, side: 0 is left); `None` if all turn freely.
+    /// Blocked wheel (axle, side: 0 is left); `None` if all wheels turn freely.
     blocked: Option<(usize, usize)>,
 }
 
@@ -203,7 +205,7 @@ impl VirtualRobot {
         let topology = scenario.robot.topology();
         let drawn = scenario.world.draw(topology, seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
-        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
+        let mut plant = plant.map_err(|error| Refusal::of("plant.", &error))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
         plant.place(start);
         let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
@@ -309,7 +311,7 @@ impl VirtualRobot {
         self.network.board(place)?.chip().circuit::<BeamBoard>()
     }
 
-    /// Stops the host that reads a board's log, with the log full and blocking.
+    /// Makes a board's log full and blocking, and stops reading the log.
     fn hang_reader(&mut self, role: Role) {
         if let Some(place) = self.place(role)
             && let Some(board) = self.network.board(place)
@@ -318,7 +320,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Makes a board's log full and blocking, and stops reading it.
+    /// Switches on the boards whose power-on delay ends now.
     fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {

@@ -6,16 +6,16 @@ use rand::RngExt;
 use virtual_board::Time;
 use virtual_board::chip::ChipVariation;
 
-/// Options of the boards.
+/// Options of a robot's virtual boards.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Number of threads for the boards.
     pub threads: usize,
-    /// Power-on delay of boards, ms; 0 for the other boards.
+    /// Power-on delays of the listed boards, ms; the other boards have no delay.
     pub late_ms: Vec<(Role, u64)>,
     /// True if execution time is counted per instruction, for [`profile`](super::tools::profile).
     pub profile: bool,
-    /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
+    /// Frequency errors of the listed boards' crystals, parts in 10⁹; the other boards get random errors.
     pub fast_ppb: Vec<(Role, i64)>,
     /// Changes a chip after the random draw.
     pub vary: fn(Role, &mut ChipVariation),

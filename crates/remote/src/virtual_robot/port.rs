@@ -12,7 +12,8 @@ use host_sim::targets::HostCommand;
 use virtual_board::network::Network;
 
 impl VirtualRobot {
-    /// Watches the front board or records all boards, and sets the robot's placement in the lead node.
+    /// Requests the reports of the front board, or records all boards if `record`, and sets the robot's posture in the
+    /// lead node.
     pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
         self.recorded = record;
         if record {
@@ -21,7 +22,7 @@ impl VirtualRobot {
                 .map(|role| BoardLink::new(self.topology, *role, 0))
                 .collect();
         }
-        // The lead node's place is set after the axle nodes have restarted.
+        // The front board is last, because the lead node's posture is set after the axle nodes have restarted.
         for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {
             self.open_link(role);
             while record && !self.has_begun(role) {

@@ -10,8 +10,9 @@ pub const BATTERY_V: f64 = 12.0;
 /// Supply of the chip, the amplifiers and the sensors, V.
 const LOGIC_V: f64 = 3.3;
 
-/// Fall time of the rail, s/V, and number of steps that approximate a fall.
+/// Time in which the rail falls by one volt, s/V.
 const FALL_S_PER_V: f64 = 100e-6;
+/// Number of steps that approximate a fall of the rail.
 const FALL_STEPS: u32 = 100;
 
 /// Supplies and clock of a board.
@@ -41,7 +42,8 @@ impl Power {
         self.rail.at(at)
     }
 
-    /// Lowers the rail to `volts` from `from` until `to`, at least until the fall is complete: 0.1 A discharges 10 µF.
+    /// Lowers the rail to `volts` from `from` until `to`, at least until the fall is complete. The rail falls by 1 V in
+    /// 100 µs, because a load of 0.1 A discharges 10 µF.
     pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
         let fall = |share: f64| {
             let depth = share * (LOGIC_V - volts);

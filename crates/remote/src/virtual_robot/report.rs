@@ -57,7 +57,7 @@ pub struct BoardFinding {
     pub kind: &'static str,
     /// Description of the finding.
     pub text: String,
-    /// Function and line of the program.
+    /// Function and line of the program at the first occurrence.
     pub place: String,
     /// Time of the first occurrence, s since power-on.
     pub time_s: f64,
@@ -97,7 +97,7 @@ pub struct BoardReport {
     pub tick_lateness_us: u16,
     /// Ticks missed after all boards were ready.
     pub missed_ticks: u8,
-    /// Longest time from the converter's trigger to the new duty, µs; `None` for a board without motors.
+    /// Longest time from the converter's trigger to the new duty cycle, µs; `None` for a board without motors.
     pub longest_current_loop_us: Option<f64>,
     /// Fraction of the time in which the core was awake.
     pub load: f64,
@@ -107,7 +107,7 @@ pub struct BoardReport {
     pub stack_size: Option<u32>,
     /// Largest stack use until the board was ready, bytes; `None` if the image has no symbols of the stack.
     pub boot_stack: Option<u32>,
-    /// First digits of the hash of the image's sources, as the board sends them; `None` before.
+    /// First digits of the hash of the image's sources, as sent by the board; `None` if the board has not sent them.
     pub build: Option<String>,
     /// Number of instructions executed.
     pub instructions: u64,

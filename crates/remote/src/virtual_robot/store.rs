@@ -10,13 +10,13 @@ use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 use host_sim::world::drawn::{Drawn, FrameErrors};
 
-/// Sectors 1 to 3, 16 KiB each.
+/// Size of a flash sector, bytes. The store has sectors 1 to 3.
 const SECTOR: usize = 16 << 10;
 const SECTORS: usize = 3;
-/// Offset of the first sector in the flash.
+/// Offset of the store's first sector in the flash, bytes.
 pub const FIRST: usize = SECTOR;
 
-/// Bytes of the sectors of a board's parameters in a scenario.
+/// Contents of the flash sectors that hold a board's parameters in a scenario.
 pub fn sectors(
     scenario: &Scenario,
     role: Role,
@@ -55,7 +55,7 @@ fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Erro
     {
         parameter.set(&mut settings, parameter.get(&configured))?;
     }
-    // Some values follow from others of the same board.
+    // Completed configurations are compared, because some values follow from other values of the same board.
     let configured = configured.robot.completed();
     let mut left = settings.robot.completed();
     left.beam.calibration = configured.beam.calibration;

@@ -43,7 +43,7 @@ impl Item {
     }
 }
 
-/// Scale of [`color_scale`](crate::style::color_scale) at the right edge of a panel.
+/// Colour bar of a panel: [`color_scale`](crate::style::color_scale) at the right edge.
 #[derive(Clone, Debug, PartialEq)]
 struct ColorBar {
     label: String,

@@ -14,13 +14,15 @@ const EDGE: f64 = 10.0;
 const TITLE_SIZE: u32 = 17;
 const TEXT_SIZE: u32 = 14;
 const SMALL_SIZE: u32 = 13;
-/// Length of a legend's sample line, gap after an entry, and height of a row.
+/// Length of a line in the legend that shows a stroke.
 const SAMPLE: f64 = 32.0;
+/// Gap after a label of the legend.
 const LEGEND_GAP: f64 = 18.0;
+/// Height of a row of the legend.
 const LEGEND_ROW: f64 = 18.0;
 /// Gap before a colour bar, and its width.
 const BAR: [f64; 2] = [12.0, 14.0];
-/// Least room for the numbers of a vertical axis.
+/// Lower limit of the room for the numbers of a vertical axis.
 const LEAST_NUMBER: f64 = 44.0;
 /// Room at the right for half of the last number of a horizontal axis.
 const RIGHT: f64 = 22.0;
@@ -372,7 +374,7 @@ impl Page {
                 x: axes.width - axes.margin_right + BAR[0],
                 y: axes.margin_top + (STEPS - 1 - k) as f64 * step,
                 width: BAR[1],
-                // Slightly taller than a step, so that no gap is visible.
+                // Each piece of the bar overlaps the next piece, so that no gap is visible.
                 height: if k == 0 { step } else { step + 0.6 },
                 fill: color_scale((k as f64 + 0.5) / STEPS as f64).into(),
                 stroke: None,

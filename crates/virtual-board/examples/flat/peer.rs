@@ -38,7 +38,7 @@ pub fn prepare(flat: &mut Flat, offset: usize) -> Core {
     core
 }
 
-/// Restarts the core after a fault.
+/// Resets the core and executes [`SETUP`].
 pub fn restart(core: &mut Core, flat: &mut Flat) {
     core.reset(flat);
     let until = core.cycles() + MAX_CYCLES;

@@ -1,4 +1,4 @@
-//! Accesses by the core and by DMA: selection of the target, checks of the program.
+//! Accesses by the core and by DMA: address decoding, and checks of the program's accesses.
 
 use super::cause::Cause;
 use super::effect::Request;
@@ -196,7 +196,7 @@ impl Chip {
         }
     }
 
-    /// Reads a register; the caller delivers the effects.
+    /// Reads a register; the caller delivers the effects of the read on other parts ([`Self::settle`]).
     fn read_register(&mut self, unit: Unit, offset: u32, width: Width) -> u32 {
         if !self.check_access(unit, offset, width, None) {
             return 0;
@@ -212,7 +212,7 @@ impl Chip {
         Ok(value)
     }
 
-    /// Writes a register; the caller delivers the effects.
+    /// Writes a register; the caller delivers the effects of the write on other parts ([`Self::settle`]).
     fn write_register(&mut self, unit: Unit, offset: u32, width: Width, value: u32) {
         let shift = 8 * (offset & 3);
         let mask = width.mask() << shift;

@@ -1,6 +1,6 @@
 //! Causes of resets, and the flags that show them.
 
-// Flags of CSR.
+// Reset flags in the RCC's register CSR.
 bits! {
     BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29, WWDGRSTF 30
 }
@@ -23,7 +23,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// The name in tables.
+    /// Name of the cause, for printed tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::PowerOn => "power on",

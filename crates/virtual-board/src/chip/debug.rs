@@ -16,14 +16,14 @@ use crate::finding::FindingKind;
 const IDCODE: u32 = 0x100f_6413;
 /// Size of the flash, KiB.
 const FLASH_KIB: u32 = 1024;
-/// APB1_FZ: real-time clock (not modelled), window watchdog, independent watchdog.
+/// Bits of APB1_FZ that freeze the real-time clock (not modelled), window watchdog and independent watchdog.
 const FREEZE_RTC: u32 = 1 << 10;
 const FREEZE_WWDG: u32 = 1 << 11;
 const FREEZE_IWDG: u32 = 1 << 12;
-/// APB1_FZ: TIM2 to TIM5 from bit 0 on. APB2_FZ: TIM1.
+/// Bits that freeze timers: in APB1_FZ TIM2 to TIM5, in APB2_FZ TIM1.
 const FREEZE_TIMERS: u32 = 0xf;
 const FREEZE_TIM1: u32 = 1;
-/// CR: trace pins.
+/// Bits of CR that assign the trace pins.
 const TRACE: u32 = 0xe0;
 
 #[rustfmt::skip]
@@ -121,7 +121,7 @@ mod tests {
     fn identity_is_device_0x413_with_1024_kib_flash() {
         let (mut debug, mut shared) = (Debug::default(), shared());
         assert_eq!(debug.read(0, &mut shared) & 0xfff, 0x413);
-        // Address 0x1fff_7a22.
+        // The flash size register is the halfword at 0x1fff_7a22, the upper half of this word.
         let size = debug.read(IDENTITY + 0x10, &mut shared) >> 16;
         assert_eq!(size, 1024);
     }

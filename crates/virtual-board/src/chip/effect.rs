@@ -13,7 +13,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// Number of variants.
+    /// Number of request sources.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 }
 

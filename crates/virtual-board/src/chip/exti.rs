@@ -11,7 +11,7 @@ use super::register::{Register, merge, word};
 use super::shared::Shared;
 use crate::finding::FindingKind;
 
-// Offsets.
+// Offsets of registers.
 const IMR: u32 = 0x00;
 const RTSR: u32 = 0x08;
 const FTSR: u32 = 0x0c;
@@ -23,7 +23,7 @@ const REGISTERS: &[Register] = &[
     word(FTSR, "FTSR", 0x7f_ffff), word(0x10, "SWIER", 0x7f_ffff), word(PR, "PR", 0x7f_ffff),
 ];
 
-/// Line of the voltage detector.
+/// Bit of the voltage detector's line in each register.
 const LINE: u32 = 1 << 16;
 
 /// Turns edges of the voltage detector into interrupts.

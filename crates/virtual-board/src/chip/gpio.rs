@@ -6,8 +6,8 @@
 //! - an output of the chip against a driver in the circuit
 //! - a pin that the board itself uses ([`Net`])
 //! - a floating pin that a peripheral uses as its input
-//! - a floating pin read through the input register, if something is connected to it: a load does not show which of the
-//!   port's pins is meant
+//! - a floating pin in input mode that the circuit has driven before, when the port's input register is read: a read
+//!   returns all pins of the port, so a pin that was never driven is assumed to be unused
 //!
 //! A floating pin reads low.
 //!
@@ -40,7 +40,7 @@ struct Port {
     alternate: [u32; 2],
 }
 
-// Modes.
+// Modes of a pin.
 const INPUT: u32 = 0;
 const OUTPUT: u32 = 1;
 const ALTERNATE_FUNCTION: u32 = 2;
@@ -85,7 +85,7 @@ fn combined_level(chip: Drive, circuit: Drive) -> Option<bool> {
     }
 }
 
-/// Marks an unused entry.
+/// Marks an unused element of [`Routes::pins`].
 const NOWHERE: u8 = u8::MAX;
 /// Largest number of pins that one signal can be routed to.
 const CHOICES: usize = 4;

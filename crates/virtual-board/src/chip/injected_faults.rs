@@ -14,7 +14,7 @@ pub struct InjectedFaults {
 }
 
 impl Chip {
-    /// Injected faults, to be changed.
+    /// Injected faults; the caller sets or clears them.
     pub fn injected_faults(&mut self) -> &mut InjectedFaults {
         &mut self.injected_faults
     }

@@ -126,7 +126,7 @@ const ADDRESS_RANGES: [AddressRange; 21] = [
     range(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
-/// Index of each peripheral's address range; of several ranges, the last.
+/// Index of each peripheral's address range; of the last range if the peripheral has several.
 const RANGE_OF: [usize; Unit::COUNT] = {
     let mut ranges = [0; Unit::COUNT];
     let mut k = 0;
@@ -138,7 +138,7 @@ const RANGE_OF: [usize; Unit::COUNT] = {
 };
 
 impl Unit {
-    /// Number of variants.
+    /// Number of units.
     const COUNT: usize = Self::Debug as usize + 1;
 
     /// Units that can have events. Of two events at the same cycle, the unit earlier in the list is first.

@@ -96,7 +96,7 @@ struct Units {
     pwr: pwr::Pwr,
     gpio: gpio::Gpio,
     exti: exti::Exti,
-    /// TIM1 first.
+    /// TIM1 to TIM5.
     timers: [timer::Timer; 5],
     tim11: tim11::Tim11,
     adc: adc::Adc,

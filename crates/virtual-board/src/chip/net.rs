@@ -20,7 +20,7 @@ pub struct Net {
     pub pin: Pin,
     /// The net's name in the board's schematic.
     pub name: &'static str,
-    /// Part of the board on this net.
+    /// Component of the board on this net.
     pub part: &'static str,
     /// Permitted use of the net.
     pub usable: Usable,

@@ -22,7 +22,7 @@ impl Pin {
         (self.0 / 16) as usize
     }
 
-    /// Number within the port.
+    /// Number of the pin within its port, 0 to 15.
     pub const fn number(self) -> u32 {
         (self.0 % 16) as u32
     }
@@ -114,7 +114,7 @@ pub enum Signal {
 }
 
 impl Signal {
-    /// Number of variants.
+    /// Number of signals.
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 
     /// Channels of TIM1 to TIM5.

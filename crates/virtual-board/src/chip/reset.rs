@@ -150,7 +150,7 @@ impl Chip {
             Unit::Wwdg => units.window_watchdog = new.window_watchdog,
             Unit::Pwr => {
                 units.pwr = new.pwr;
-                // The voltage detector is off.
+                // A reset switches the voltage detector off, so its output falls.
                 self.shared.effect(Effect::VoltageDetector { low: false });
             }
             Unit::Gpio => units.gpio.reset(bit as usize, &mut self.shared),

@@ -15,7 +15,7 @@ use super::shared::Shared;
 use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
-// CR1.
+// Bits of CR1.
 bits! {
     CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, DFF 11, CRCEN 13,
     BIDIMODE 15
@@ -23,12 +23,12 @@ bits! {
 /// Bits that must not change while a word is shifted.
 const SHAPE: u32 = CPHA | CPOL | MSTR | 7 << 3 | LSBFIRST | DFF;
 
-// CR2.
+// Bits of CR2.
 bits! {
     RXDMAEN 0, TXDMAEN 1, SSOE 2, FRF 4, ERRIE 5, RXNEIE 6, TXEIE 7
 }
 
-// SR.
+// Bits of SR.
 bits! {
     RXNE 0, TXE 1, MODF 5, OVR 6, BSY 7
 }

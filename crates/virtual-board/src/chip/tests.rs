@@ -219,7 +219,7 @@ fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
         bench.chip.restart(Cause::Pin, bench.cycle);
         bench.run_at_168_mhz();
         bench.write(FLASH_ACR, acr);
-        // The core leaves the PLL and returns, so the frequency rises with these wait states set.
+        // Too many wait states are a finding only when the frequency rises, so the core leaves the PLL and returns.
         bench.write(RCC + 0x08, 0x0000_9400);
         bench.write(RCC + 0x08, 0x0000_9402);
         let (found, start) = (bench.findings(), format!("{acr} wait"));
@@ -400,7 +400,7 @@ fn flash_write_stalls_the_core_and_reports_changed_code() {
     bench.write(FLASH + 0x8000, 0xbf00_bf00);
     let before = bench.cycle;
     bench.chip.enter_line(FLASH + 0x100, &mut bench.cycle);
-    // 16 µs at 16 MHz.
+    // Programming takes 16 µs, 256 cycles at 16 MHz.
     assert!((250..=256).contains(&(bench.cycle - before)));
     let changed = bench.chip.take_changed_code();
     assert_eq!(changed, Some((FLASH + 0x8000, FLASH + 0x8003)));
@@ -484,7 +484,7 @@ fn flash_control_write_stalls_until_the_operation_ends() {
     bench.write(FLASH, 0);
     let before = bench.cycle;
     bench.write(FLASH_ACR + 0x10, 0);
-    // 16 µs at 16 MHz.
+    // Programming takes 16 µs, 256 cycles at 16 MHz.
     assert!((250..=257).contains(&(bench.cycle - before)));
     let before = bench.cycle;
     bench.write(FLASH_ACR + 0x10, 0);

@@ -32,10 +32,10 @@ const ARR: u32 = 0x2c;
 const CCR1: u32 = 0x34;
 const OR: u32 = 0x50;
 
-/// SR: capture; capture while the previous one was unread.
+/// Flags of SR: a capture occurred; a capture occurred before the previous one was read.
 const CC1IF: u32 = 1 << 1;
 const CC1OF: u32 = 1 << 9;
-/// OR: the input is the crystal, divided for the real-time clock.
+/// Value of OR that selects the crystal, divided for the real-time clock, as the input.
 const HSE_RTC: u32 = 2;
 
 #[derive(Clone)]

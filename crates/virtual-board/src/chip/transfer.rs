@@ -7,7 +7,7 @@ use crate::noise::Noise;
 /// difference: √((4^1.2 − 1)/12).
 pub(super) const NOISE: f64 = 0.597;
 
-/// 12-bit count for `ratio` of the reference voltage, with an error and noise of `noise_counts` rms, both in counts.
+/// 12-bit count for `ratio` of the reference voltage. `error`, counts, is added, and noise of `noise_counts` rms.
 /// The first step is at half a count (ST application note AN2834).
 pub(super) fn count(ratio: f64, error: f64, noise_counts: f64, noise: &mut Noise) -> u32 {
     let count = 4096.0 * ratio + error + noise_counts * noise.normal() + 0.5;

@@ -10,14 +10,14 @@ use super::shared::Shared;
 use crate::finding::FindingKind;
 use crate::time::{Cycles, NEVER};
 
-// SR.
+// Bits of SR.
 bits! {
     ORE 3, IDLE 4, RXNE 5, TC 6, TXE 7
 }
 /// Flags that a read of SR followed by a read of DR clears.
 const BY_READING: u32 = 0x1f;
 
-// CR1.
+// Bits of CR1.
 bits! {
     SBK 0, RWU 1, RE 2, TE 3, IDLEIE 4, RXNEIE 5, TCIE 6, TXEIE 7, PCE 10, M 12, UE 13, OVER8 15
 }
@@ -29,7 +29,7 @@ const STOP: u32 = 3 << 12;
 const LINEN: u32 = 1 << 14;
 const CR2_BITS: u32 = 0x7f6f;
 
-// CR3.
+// Bits of CR3.
 bits! {
     EIE 0, IREN 1, HDSEL 3, SCEN 5, DMAR 6, DMAT 7, RTSE 8, CTSE 9
 }
@@ -256,7 +256,7 @@ impl Peripheral for Usart {
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
-            // Written as zero, RXNE and TC are cleared.
+            // Writing zero clears RXNE and TC; all other flags are read-only.
             0x00 => self.sr &= value | !(mask & (RXNE | TC)),
             0x04 => self.write_data(value as u8, shared),
             0x08 => {

@@ -170,7 +170,7 @@ impl Peripheral for Watchdog {
         }
         let before = self.divider();
         if self.prescaler.settle(now) {
-            // The remaining counts have another period.
+            // The new prescaler changes the period of the remaining counts.
             let after = self.divider();
             let scale = |left: Time| Time(left.0 / before * after);
             self.reset_at = self.reset_at.map(|at| now + scale(at - now));

@@ -22,12 +22,12 @@ pub(super) struct Debug {
 }
 
 impl Debug {
-    /// True if every instruction must be checked.
+    /// True if each instruction must be checked for a breakpoint or a single step.
     pub(super) fn per_instruction(&self) -> bool {
         self.step || !self.breakpoints.is_empty()
     }
 
-    /// True if accesses to this page of 16 MiB must be checked.
+    /// True if accesses to this page of 16 MiB must be checked for a watchpoint.
     pub(super) fn watches_page(&self, page: u32) -> bool {
         self.watches.iter().any(|w| {
             let last = w.address.saturating_add(w.length.saturating_sub(1));

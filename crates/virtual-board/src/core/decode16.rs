@@ -16,7 +16,7 @@ const CONDITIONAL: [Op; 7] = [
     Op::BranchGreater,
 ];
 
-/// Bit of `x` that inverts the condition of a branch.
+/// Bit of an instruction's `x` that inverts the condition of a branch.
 pub(super) const INVERT: u32 = 0x80;
 
 /// A branch with a condition; condition 14 is always.
@@ -155,7 +155,7 @@ fn high_registers(pc: u32, h: u32) -> Insn {
         _ if h & 7 != 0 => UNPREDICTABLE,
         _ if h & 0x80 != 0 && m == 15 => UNPREDICTABLE,
         _ if h & 0x80 != 0 => Insn::regs(Op::Blx, 0, 0, m),
-        // PC as the operand has bit 0 clear here: an attempt to leave Thumb state.
+        // BX to the program counter, whose bit 0 is clear, would leave Thumb state.
         _ if m == 15 => UNPREDICTABLE,
         _ => Insn::regs(Op::Bx, 0, 0, m),
     }

@@ -38,7 +38,7 @@ pub(super) fn decode(pc: u32, h: u32, g: u32) -> Insn {
 
 fn coprocessor(pc: u32, h: u32, g: u32) -> Insn {
     match g >> 8 & 15 {
-        // 111x 11xx with the two highest bits of the operation set is undefined for all coprocessors.
+        // A first halfword of 111x 1111 xxxx xxxx is undefined for every coprocessor.
         _ if h >> 8 & 3 == 3 && h >> 9 & 7 == 7 => UNDEFINED,
         10 | 11 => fp::decode(pc, h, g),
         _ => Insn::new(Op::NoCoprocessor),
@@ -251,7 +251,7 @@ fn preload(size: Size, h: u32, g: u32) -> Insn {
     let nop = Insn::new(Op::Special(Special::Nop));
     match size {
         Size::Byte | Size::SignedByte => {}
-        // Halfwords: unallocated memory hints.
+        // Halfword loads into the program counter are unallocated memory hints.
         _ => return UNPREDICTABLE,
     }
     if h & 15 == 15 || h & 0x80 != 0 {

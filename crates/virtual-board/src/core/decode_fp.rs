@@ -73,7 +73,7 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
     if decrement != 0 && write_back == 0 {
         return offset(pc, h, g, d);
     }
-    // Neither increment nor decrement, or both.
+    // A multiple transfer must either increment or decrement the address.
     if decrement == u32::from(up) {
         return UNDEFINED;
     }
@@ -168,7 +168,7 @@ fn data_processing(h: u32, g: u32) -> Insn {
     }
 }
 
-/// VFPExpandImm.
+/// Single-precision value of an 8-bit constant (VFPExpandImm).
 fn constant(imm8: u32) -> u32 {
     let exponent = if imm8 & 0x40 != 0 { 0x1f } else { 0x20 };
     imm8 >> 7 << 31 | exponent << 25 | (imm8 & 0x3f) << 19

@@ -45,7 +45,7 @@ impl Core {
         self.masked_priority(self.primask)
     }
 
-    /// Execution priority with another PRIMASK.
+    /// Execution priority if PRIMASK were `primask`.
     pub(super) fn masked_priority(&self, primask: bool) -> i32 {
         let mut priority = self.nvic.active_priority();
         if self.basepri != 0 {

@@ -174,7 +174,7 @@ impl Core {
         self.sub_flags(self.reg(insn.n()), b);
     }
 
-    /// Next address after a conditional branch within the program.
+    /// Address after a conditional branch: the branch's target or `next`.
     #[inline(always)]
     fn branch_if(&mut self, condition: bool, insn: &Insn, next: u32) -> Done<u32> {
         let x = insn.x();
@@ -186,7 +186,8 @@ impl Core {
         }
     }
 
-    /// Branch to a value that may change the state or return from an exception (BXWritePC).
+    /// Branch to `value`, which may leave Thumb state or request an exception return (BXWritePC). Refilling the
+    /// pipeline takes `refill` cycles.
     #[inline(always)]
     pub(super) fn branch_exchange(&mut self, value: u32, refill: u64) -> Done<u32> {
         if value >= 0xf000_0000 && self.ipsr != 0 {

@@ -6,7 +6,7 @@ use super::instruction::{Alu, Insn, Op, RRX, Shift, Test};
 use super::scb::ccr;
 
 impl Insn {
-    /// Carry from a modified constant.
+    /// Carry flag after a modified constant; `old` is the flag before.
     #[inline(always)]
     pub(super) fn carry(self, old: bool) -> bool {
         match self.x() {

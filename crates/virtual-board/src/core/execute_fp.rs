@@ -133,7 +133,7 @@ impl Core {
         Ok(())
     }
 
-    /// Address of VLDR and VSTR; for a literal, the constant.
+    /// Address of VLDR and VSTR, checked for alignment to words.
     #[inline(always)]
     fn single_address(&self, insn: &Insn) -> Done<u32> {
         let address = self.offset_or_literal(insn);

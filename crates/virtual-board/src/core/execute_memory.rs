@@ -74,7 +74,7 @@ impl Core {
         self.store(system, at, value)
     }
 
-    /// Checks word alignment, which some instructions need; a usage fault whatever CCR says.
+    /// Checks word alignment for instructions that need it whatever CCR says; an unaligned address is a usage fault.
     #[inline(always)]
     pub(super) fn must_align(address: u32) -> Done {
         if address & 3 != 0 {

@@ -62,7 +62,7 @@ fn ordinary(bits: u32) -> bool {
     ((bits >> 23 & 0xff).wrapping_sub(2)) < 253
 }
 
-/// True if [`ordinary`], or zero: a sum of zero is always exact.
+/// True if [`ordinary`] or zero. Both permit the host's sum, because a sum that is zero is always exact.
 #[inline(always)]
 fn ordinary_sum(bits: u32) -> bool {
     ordinary(bits) || bits << 1 == 0
@@ -91,7 +91,8 @@ pub(super) struct Exact {
 pub(super) struct Format {
     pub(super) exponent: u32,
     pub(super) fraction: u32,
-    /// True if every exponent is a number: no infinity, no NaN (alternative half precision).
+    /// True if the format has no infinity and no NaN: the largest exponent is that of numbers (alternative half
+    /// precision).
     pub(super) alternative: bool,
 }
 

@@ -52,7 +52,7 @@ impl Shift {
     }
 }
 
-/// Types of a constant shift in `x`: the four of [`Shift`], and this one, rotate with extend.
+/// Value of `x` for rotate right with extend; the smaller values are the types of [`Shift`].
 pub(super) const RRX: u8 = 4;
 
 /// Size of a load or store.
@@ -66,7 +66,7 @@ pub(super) enum Size {
     SignedByte,
 }
 
-/// Addressing mode; stored for loads into the stack pointer or the program counter.
+/// Addressing mode. A decoded instruction stores the mode only if it loads the stack pointer or program counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Mode {
@@ -92,7 +92,7 @@ pub(super) enum Dsp {
     Usat,
     Ssat16,
     Usat16,
-    /// `imm`: 0 BT, 1 TB; `x` holds the shift.
+    /// `imm`: 0 PKHBT, 1 PKHTB; `x`: shift of m.
     Pkh,
     Sel,
     /// `x`: operation, `imm`: prefix, as encoded.
@@ -264,7 +264,7 @@ pub(super) enum Op {
     StorePre(Size),
     StorePost(Size),
     StoreUser(Size),
-    /// `x`: bit 0 indexes, bit 1 writes back; n 15: `imm` is the address.
+    /// `x`: bit 0 indexes, bit 1 writes back. If n is 15, `imm` is the address.
     Ldrd,
     Strd,
     /// `x`: bit 0 writes back, bit 1 decrements before.
@@ -275,7 +275,7 @@ pub(super) enum Op {
     PopPc,
     Ldrex(Size),
     Strex(Size),
-    /// `x`: bit 0 halfwords; n 15: `imm` is the base.
+    /// TBB and TBH. `x`: bit 0 selects halfwords. If n is 15, `imm` is the address of the table.
     Table,
     B,
     /// Branch if Z; bit 7 of `x` inverts the condition of this and the following branches.
@@ -332,7 +332,7 @@ pub(super) struct Insn {
 }
 
 impl Insn {
-    /// Entry of the table for an instruction that is not decoded yet.
+    /// Stands for an instruction that is not decoded yet.
     pub(super) const EMPTY: Self = Self {
         op: Op::Empty,
         cycles: 0,
@@ -360,12 +360,12 @@ impl Insn {
         self
     }
 
-    /// Sets the constant, and the third source or the variant.
+    /// Sets the constant `imm`, and `x`: the third source register or the variant.
     pub(super) const fn with(self, imm: u32, x: u32) -> Self {
         self.with_imm(imm).with_x(x)
     }
 
-    /// Sets the third source or the variant.
+    /// Sets `x`: the third source register or the variant.
     pub(super) const fn with_x(mut self, x: u32) -> Self {
         self.registers = self.registers & 0xff_ffff | x << 24;
         self
@@ -395,7 +395,7 @@ impl Insn {
         (self.registers >> 24) as u8
     }
 
-    /// The instruction inside an IT block, where 16-bit instructions set no flags, except comparisons.
+    /// The instruction as executed inside an IT block, where 16-bit instructions except comparisons set no flags.
     pub(super) fn in_block(mut self) -> Self {
         if self.size != 2 {
             return self;
@@ -436,7 +436,7 @@ pub(super) const fn literal(pc: u32, offset: u32) -> u32 {
     (pc.wrapping_add(4) & !3).wrapping_add(offset)
 }
 
-/// Offset to be added; negated if not `up`.
+/// `offset` to be added to a base; negated if not `up`.
 pub(super) const fn directed(up: bool, offset: u32) -> u32 {
     if up { offset } else { offset.wrapping_neg() }
 }

@@ -131,7 +131,7 @@ impl Core {
         result
     }
 
-    /// Updates the memory protection for present mode and masks; `force` after a change of its registers.
+    /// Applies the memory protection to the present mode and masks; `force` after a write to the MPU's registers.
     pub(super) fn update_view(&mut self, force: bool) {
         let fault = self.faultmask || self.nvic.active & 0b1100 != 0;
         let view = if fault && !self.mpu.checks_faults() {

@@ -85,7 +85,7 @@ pub enum Stop {
     /// The core locked up: a fault occurred while no fault can be taken. Reported once; afterwards only time passes
     /// until a reset or a non-maskable interrupt.
     LockUp,
-    /// The core is about to execute this address, or is at a BKPT there.
+    /// The core is about to execute the instruction at this address, a breakpoint or BKPT.
     Breakpoint(u32),
     /// The previous instruction accessed a watched address.
     Watchpoint {

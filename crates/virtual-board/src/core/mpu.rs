@@ -112,7 +112,7 @@ impl Mpu {
         self.control & ENABLE != 0
     }
 
-    /// True if HFNMIENA is set: faults and the non-maskable interrupt are also checked.
+    /// True if HFNMIENA is set: accesses by the handlers of hard fault and NMI are also checked.
     pub(super) fn checks_faults(&self) -> bool {
         self.control & HFNMIENA != 0
     }
@@ -248,7 +248,7 @@ mod tests {
         mpu
     }
 
-    /// Size field of the register for an exponent.
+    /// SIZE and ENABLE of RASR for an enabled region of 2^`exponent` bytes.
     const fn size(exponent: u32) -> u32 {
         (exponent - 1) << 1 | 1
     }
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn highest_region_wins_and_disabled_subregions_fall_through() {
-        // 64 KiB writable. On top, 2 KiB read-only with subregions 0 and 7 disabled.
+        // A writable region of 64 KiB contains a read-only region of 2 KiB, whose subregions 0 and 7 are disabled.
         let regions = [
             (0x2000_0000, RW | size(16)),
             (0x2000_0800, RO | 0x81 << 8 | size(11)),
@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn permissions_follow_the_table_of_the_manual() {
-        // AP: privileged read, write, unprivileged read, write (table B3-15).
+        // Each row is AP, and four bits: privileged read, write, unprivileged read, write (table B3-15).
         let table = [
             (0, 0b0000),
             (1, 0b1100),

@@ -50,7 +50,7 @@ pub(super) struct Nvic {
     pub(super) pending: u128,
     pub(super) active: u128,
     pub(super) enabled: u128,
-    /// Asserted lines.
+    /// Interrupt lines whose level is high.
     lines: u128,
     /// Priorities of exceptions 0 to 127; only the upper four bits are implemented.
     priorities: [u8; 128],
@@ -190,7 +190,7 @@ impl Nvic {
         word
     }
 
-    /// Sets the priorities of the bytes in `mask`.
+    /// Sets the priorities of those of four exceptions from `first` on whose bytes `mask` covers.
     pub(super) fn set_priority_word(&mut self, first: u32, value: u32, mask: u32) {
         for k in 0..4 {
             if mask >> (8 * k) & 1 == 0 {

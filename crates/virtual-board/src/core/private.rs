@@ -37,7 +37,7 @@ const fn moved(set: u128, (exception, bit): (u16, u32)) -> u32 {
     ((set >> exception & 1) as u32) << bit
 }
 
-/// DEMCR: TRCENA.
+/// Bit of DEMCR that enables the DWT.
 const TRCENA: u32 = 1 << 24;
 
 impl Core {
@@ -163,7 +163,7 @@ impl Core {
         }
     }
 
-    /// ICSR.
+    /// Value of ICSR.
     fn interrupt_control(&self) -> u32 {
         let lines = self.nvic.pending >> number::FIRST_LINE != 0;
         let first = self.nvic.first().map_or(0, |(exception, _)| exception);
@@ -238,7 +238,7 @@ impl Core {
                 self.scb.cpacr = value & 0x00f0_0000;
                 self.fp_ready = false;
             }
-            // Read-only.
+            // These registers are read-only.
             0x00 | 0x3c | 0x40..0x74 => {}
             _ => self.note_private(system, FindingKind::Unmapped, address, pc),
         }
@@ -273,7 +273,7 @@ impl Core {
         }
     }
 
-    /// SHCSR.
+    /// Writes SHCSR.
     fn write_handlers(&mut self, value: u32) {
         let put = |set: &mut u128, bits: &[(u16, u32)]| {
             for &(exception, bit) in bits {

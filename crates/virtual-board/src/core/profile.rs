@@ -59,8 +59,8 @@ impl Profile {
             .filter(|&(_, cycles)| cycles != 0)
     }
 
-    /// Cycles of instructions outside of flash, and of the first fetch of each instruction in flash. At the first fetch
-    /// the instruction's condition is not yet evaluated.
+    /// Cycles of instructions outside of flash, and of the first fetch of each instruction in flash. That fetch is not
+    /// counted for its instruction, which an IT block may still skip.
     pub fn elsewhere(&self) -> Cycles {
         self.elsewhere
     }

@@ -182,8 +182,8 @@ impl Core {
                 }
                 break Some(Trap::Undecoded);
             }
-            // Checked after decoding: an undecoded instruction passes here only on its second run, and `stops_at` must
-            // be called once per instruction.
+            // Must stay behind the test for undecoded instructions: such an instruction comes here twice, and
+            // `stops_at` must be called once.
             if PROBE && !self.debug.step && self.debug.stops_at(pc) {
                 self.stop = Some(Stop::Breakpoint(pc));
                 break None;

@@ -12,7 +12,7 @@ const BASIC: u32 = 0x20;
 const EXTENDED: u32 = 0x68;
 /// Control bits of FPSCR that a new context gets from FPDSCR.
 const FP_DEFAULTS: u32 = 0x07c0_0000;
-/// EXC_RETURN: the frame has no floating-point registers.
+/// Bit of EXC_RETURN: the frame has no floating-point registers.
 const BASIC_FRAME: u32 = 0x10;
 
 impl Core {

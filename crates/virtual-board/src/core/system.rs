@@ -15,7 +15,7 @@ pub enum Width {
 }
 
 impl Width {
-    /// Number of bytes.
+    /// Number of bytes of an access.
     pub const fn bytes(self) -> u32 {
         match self {
             Self::Byte => 1,
@@ -35,9 +35,9 @@ impl Width {
 pub struct Transfer {
     /// Address of the first byte.
     pub address: u32,
-    /// Width.
+    /// Width of the access.
     pub width: Width,
-    /// Address of the instruction.
+    /// Address of the instruction that makes the access.
     pub pc: u32,
 }
 
@@ -86,8 +86,8 @@ pub trait System {
     fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError>;
     /// Stores a value.
     fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError>;
-    /// Latest cycle at which the core must interrupt execution and call [`Self::advance`]. An access that affects this,
-    /// such as a change of an interrupt line, sets the limit to 0.
+    /// Latest cycle at which the core must interrupt execution and call [`Self::advance`]. An access that needs such a
+    /// call at once, for example because an interrupt line changed, sets the limit to 0.
     fn limit(&self) -> Cycles;
     /// Handles the events due at `cycle` and sets a new limit, at most `until`. Returns the cycle of the next event,
     /// for which a sleeping core waits.

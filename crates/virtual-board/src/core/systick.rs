@@ -85,7 +85,7 @@ impl SysTick {
             return false;
         };
         self.flag = true;
-        // Several periods may have passed since the zero.
+        // The counter may have reached 0 several times since, so its value is computed from the first time.
         self.value = 0;
         self.tick = self.ticks(zero);
         self.rebase(cycle);

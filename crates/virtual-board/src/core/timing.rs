@@ -3,14 +3,14 @@
 //! The cycles of an instruction are set when it is decoded. Three effects depend on the next instruction and are
 //! charged to the first of the pair:
 //!
-//! - a load of one register, followed by a load or store whose address does not depend on it, takes
-//!   1 cycle instead of 2;
+//! - a load of one register takes 1 cycle instead of 2 if a load or store follows whose address does not depend on the
+//!   loaded value;
 //! - a data-processing result that the next instruction uses as an address costs 1 cycle;
 //! - a floating-point result that the next floating-point instruction uses costs 1 cycle.
 //!
 //! Refilling the pipeline, which the manual gives as 1 to 3 cycles, takes 1 cycle for a branch to a constant target, 2
-//! for a branch to a register, 3 if the target comes from memory. A branch to a constant target takes one more if the
-//! target is a 32-bit instruction not aligned to 4.
+//! for a branch to a register, 3 if the target comes from memory. A branch to a constant target takes one more cycle if
+//! the target is a 32-bit instruction not aligned to 4.
 
 use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
 
@@ -18,7 +18,7 @@ use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
 pub(super) const REFILL_REGISTER: u64 = 2;
 /// Cycles to refill the pipeline after a branch to an address from memory.
 pub(super) const REFILL_LOADED: u64 = 3;
-/// Cycles from an exception to its first instruction, with memory without wait states.
+/// Cycles from taking an exception to its handler's first instruction, with memory without wait states.
 pub(super) const ENTRY: u64 = 12;
 /// Cycles of [`ENTRY`] that stacking takes.
 pub(super) const STACKING: u64 = 8;
@@ -149,7 +149,7 @@ pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bo
     insn.cycles = cycles.min(255) as u8;
 }
 
-/// Cycles of an instruction without its neighbours.
+/// Cycles of an instruction without the effects of adjacent instructions.
 fn alone(insn: &Insn) -> u32 {
     let registers = insn.imm.count_ones();
     match insn.op {
@@ -160,11 +160,11 @@ fn alone(insn: &Insn) -> u32 {
         Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,
         Op::Ldrd | Op::Strd => 3,
         Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
-        // The program counter is not in the list.
+        // The list excludes the program counter, which takes one more cycle.
         Op::PopPc => 2 + registers,
         Op::Table => 2,
         Op::Mla | Op::Mls => 1,
-        // Minimum; the rest depends on the operands.
+        // A division takes at least 2 cycles; its execution adds those that depend on the operands.
         Op::Udiv | Op::Sdiv => 2,
         Op::Dsp(Dsp::Usad) => 1,
         Op::Special(Special::Mrs | Special::Msr) => 2,

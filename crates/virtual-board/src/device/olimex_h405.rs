@@ -52,7 +52,7 @@ pub const NETS: &[Net] = &[
 /// A pin used by the boot loader in ROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LoaderPin {
-    /// The pin.
+    /// Pin of the chip.
     pub pin: Pin,
     /// Signal of the loader on this pin.
     pub signal: &'static str,

@@ -38,7 +38,7 @@ impl Profile {
         }
     }
 
-    /// Time of the next point after a time, where slope or value changes.
+    /// Time of the first point after `after`, where slope or value changes; [`Time::NEVER`] after the last point.
     pub fn next(&self, after: Time) -> Time {
         let index = self.points.partition_point(|p| p.0 <= after);
         self.points.get(index).map_or(Time::NEVER, |p| p.0)
@@ -48,7 +48,7 @@ impl Profile {
 /// A battery and its 3.3 V regulator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Supply {
-    /// Open-circuit voltage, V.
+    /// Open-circuit voltage of the battery over time, V.
     pub open_v: Profile,
     /// Resistance of cells and leads, Ω.
     pub resistance_ohm: f64,
@@ -161,7 +161,7 @@ mod tests {
         let mut divider = Divider::new(47e3, 10e3, 100e-9, 12.0);
         assert!((divider.output(Time(MS)) - 12.0 / 5.7).abs() < 1e-12);
         divider.input(Time(MS), 0.0);
-        // 47 kΩ and 10 kΩ in parallel times 100 nF: time constant 0.8246 ms.
+        // The time constant is 0.8246 ms, from 100 nF and the parallel resistance of 47 kΩ and 10 kΩ.
         let at = Time(MS + 824_561_404);
         assert!((divider.output(at) - 12.0 / 5.7 / std::f64::consts::E).abs() < 1e-6);
     }

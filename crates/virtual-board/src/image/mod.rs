@@ -33,11 +33,11 @@ const VECTORS: usize = 98;
 pub struct ImageError {
     /// Name of the file.
     pub file: String,
-    /// Invalid field.
+    /// Name of the invalid field.
     pub field: &'static str,
     /// Value of the field.
     pub value: String,
-    /// Allowed values.
+    /// Allowed values of the field.
     pub allowed: &'static str,
 }
 
@@ -89,13 +89,13 @@ pub struct Image {
     segments: Vec<Segment>,
     /// Functions in the order of their addresses.
     functions: Vec<Symbol>,
-    /// Address and length, by the name in the file and by the readable name.
+    /// Address and length of each symbol; the key is its name in the file or its readable name.
     names: HashMap<String, (u32, u32)>,
     lines: OnceLock<Lines>,
 }
 
 impl Image {
-    /// Reads a file.
+    /// Reads an ELF file and checks its content; an error names the file.
     pub fn open(path: &Path) -> Result<Self, ImageError> {
         let file = path.display().to_string();
         match std::fs::read(path) {

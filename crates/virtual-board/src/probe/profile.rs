@@ -15,7 +15,7 @@ const ELSEWHERE: &str = "(outside the flash, and first fetches)";
 pub struct InterruptTime {
     /// Name of the handler.
     pub name: String,
-    /// Counts and durations.
+    /// Number of the handler's runs, and their durations.
     pub times: ExceptionProfile,
 }
 
@@ -39,8 +39,8 @@ pub struct Times {
 }
 
 impl Times {
-    /// Creates the tables from the cycles of each instruction (address, cycles) and the times of interrupts. Both
-    /// tables are sorted, largest first.
+    /// Creates the tables from the cycles of each instruction (address, cycles) and the times of interrupts. Functions
+    /// and interrupts are sorted by their cycles, largest first.
     pub fn new(
         image: &Image,
         instructions: impl IntoIterator<Item = (u32, Cycles)>,

@@ -10,15 +10,15 @@ const IDENTITY: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
 /// Offset of the first up channel in the control block, and length of a channel, bytes.
 const CHANNEL: usize = 24;
 const CHANNEL_LENGTH: usize = 24;
-/// Flags: the target waits for the host if the buffer is full.
+/// Value of a channel's flags with which the target waits for the host if the buffer is full.
 const BLOCKING: u8 = 2;
 
 /// The host's side of up channel 0.
 #[derive(Clone, Debug)]
 pub struct Rtt {
-    /// First address of the memory.
+    /// First address of the target's memory that the host reads.
     base: u32,
-    /// Address of the control block; `None` until known.
+    /// Address of the control block; `None` until a search has found it.
     block: Option<u32>,
     /// True if the address comes from a symbol: the memory is not searched.
     fixed: bool,

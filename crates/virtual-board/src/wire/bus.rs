@@ -10,7 +10,7 @@ use crate::time::Time;
 /// A level of the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Driven by at least one node; wins.
+    /// Driven by at least one node; overrides recessive.
     Dominant,
     /// Driven by no node.
     Recessive,
@@ -44,7 +44,7 @@ pub enum Fault {
 /// A transmission that has ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Record {
-    /// Transmitting node.
+    /// Index of the transmitting node.
     pub node: usize,
     /// Transmitted frame.
     pub frame: Frame,

@@ -59,7 +59,7 @@ impl CanNode {
     }
 }
 
-/// Bit errors of reading.
+/// Random errors of the bits that a node reads.
 #[derive(Clone)]
 pub(super) struct Noise {
     rate: f64,

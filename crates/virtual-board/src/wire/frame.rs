@@ -3,9 +3,9 @@
 /// Identifier of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Id {
-    /// 11 bits.
+    /// Identifier of 11 bits.
     Standard(u16),
-    /// 29 bits.
+    /// Identifier of 29 bits.
     Extended(u32),
 }
 
@@ -64,7 +64,7 @@ impl Frame {
         self.code
     }
 
-    /// Data bytes.
+    /// Data bytes of the frame; empty for a remote frame.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.count()]
     }

@@ -11,7 +11,7 @@ pub enum ErrorKind {
     Stuff,
     /// Wrong level of a bit with fixed level.
     Form,
-    /// No node acknowledged.
+    /// No node acknowledged the frame.
     Acknowledgement,
     /// A recessive bit was transmitted, a dominant bit was read.
     BitRecessive,
@@ -50,7 +50,7 @@ impl ErrorKind {
 pub struct Settings {
     /// True if the controller takes part in the bus.
     pub on: bool,
-    /// Bit timing.
+    /// Bit timing of the controller.
     pub timing: BitTiming,
     /// True if the controller recovers from bus-off automatically.
     pub recover: bool,
@@ -83,7 +83,7 @@ pub enum Action {
     Set(Settings),
     /// Requests transmission of a mailbox.
     Request {
-        /// Number of the mailbox; among equal identifiers, the lowest goes first.
+        /// Number of the mailbox; of frames with equal identifiers, the frame in the lowest mailbox is sent first.
         mailbox: u8,
         /// Frame to send.
         frame: Frame,

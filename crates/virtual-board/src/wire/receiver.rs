@@ -6,7 +6,7 @@ use super::node::ErrorKind;
 /// Meaning of a bit for a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReceiverStep {
-    /// No event.
+    /// The bit has no special meaning; the frame continues.
     More,
     /// The checksum is complete and correct: the bit after the next one acknowledges.
     Acknowledge,
@@ -29,9 +29,9 @@ const EXTENDED: u16 = 39;
 pub(crate) struct Receiver {
     run: u8,
     last: bool,
-    /// Bits so far, without stuff bits.
+    /// Number of bits received so far, without stuff bits.
     count: u16,
-    /// Bits up to the end of the checksum, without stuff bits; `None` until the length code has arrived.
+    /// Number of bits up to the end of the checksum, without stuff bits; `None` until the length code has arrived.
     total: Option<u16>,
     crc: u16,
     identifier: u32,
@@ -39,12 +39,12 @@ pub(crate) struct Receiver {
     remote: bool,
     code: u8,
     data: u64,
-    /// Bits since the end of the checksum.
+    /// Number of bits received since the end of the checksum.
     tail: u8,
 }
 
 impl Receiver {
-    /// Bits so far, without stuff bits.
+    /// Number of bits received so far, without stuff bits.
     pub fn count(&self) -> u16 {
         self.count
     }

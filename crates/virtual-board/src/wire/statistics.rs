@@ -15,11 +15,11 @@ pub struct Statistics {
     pub arbitrations_lost: u64,
     /// Errors by kind, in the order of [`ErrorKind::ALL`].
     pub errors: [u64; 6],
-    /// Error frames begun.
+    /// Number of error flags sent.
     pub error_frames: u64,
-    /// Overload flags sent.
+    /// Number of overload flags sent.
     pub overloads: u64,
-    /// Number of times in bus-off.
+    /// Number of transitions to bus-off.
     pub bus_offs: u64,
 }
 

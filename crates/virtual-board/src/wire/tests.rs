@@ -118,13 +118,12 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
         let EventKind::Sent { start, .. } = sent.kind else {
             panic!();
         };
-        // The time from the sample point of the first bit to the sample point of the last.
         let bits = frame.bits().length() as u64;
-        // The acknowledgement is late by twice the delay; the sender synchronizes by its jump width, a seventh of a
-        // bit.
+        // From the first sample point to the last are all bits but one. The acknowledgement is late by twice the delay,
+        // so the sender synchronizes by its jump width, a seventh of a bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
-        // Start of frame: within a bit after the request, sampled at 6/7 of the bit.
+        // The frame starts within a bit after the request; `start` is the sample point, at 6/7 of the bit.
         assert!(start > micros(100) && start < micros(102), "{start}");
         for node in [1, 2] {
             let received = bench.received(node);
@@ -455,7 +454,7 @@ fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     }
     let records = bench.wire.take_records();
     let bits = (records[1].start - records[0].end).0 / BIT;
-    // One bit of the intermission, flag of 6, delimiter of 8, intermission of 3, then the start.
+    // The next frame starts after one bit of intermission, flag (6 bits), delimiter (8) and intermission (3).
     assert!((18..=20).contains(&bits), "{bits}");
 }
 

@@ -11,7 +11,7 @@ pub struct BitTiming {
     pub segment1: u32,
     /// Quanta of the second phase segment.
     pub segment2: u32,
-    /// Synchronization jump width: most quanta by which an edge lengthens or shortens a bit.
+    /// Synchronization jump width: limit of the quanta by which an edge lengthens or shortens a bit.
     pub jump: u32,
 }
 
@@ -67,7 +67,7 @@ pub(crate) struct BitClock {
 }
 
 impl BitClock {
-    /// Begins a bit now.
+    /// Creates the bit clock of a controller whose bit begins at `now`.
     pub fn new(timing: BitTiming, now: Time) -> Self {
         let mut clock = Self {
             timing,
@@ -162,8 +162,8 @@ impl BitClock {
         }
     }
 
-    /// Advances by whole bits to the bit that contains `now`, after an idle period. Bits are sampled earlier by
-    /// `delay`.
+    /// Advances by whole bits to the bit that contains `now`, after an idle period. Sample times at the controller are
+    /// later than on the bus by `delay`.
     pub fn skip(&mut self, now: Time, delay: Time) {
         let bit = u64::from(self.timing.quanta());
         let quantum = self.quantum(now);

@@ -41,7 +41,7 @@ pub const TOP: u16 = sampling::AXLE.top;
 const COUNTS_PER_US: u16 = 168;
 /// TIM1 is alternate function 1 on all of its pins.
 const ALTERNATE: u8 = 1;
-/// Channel of the trigger.
+/// Index of the channel that triggers the conversions, channel 4.
 const TRIGGER: usize = 3;
 
 /// Sampling instants of the currents, see the module's documentation.
@@ -67,7 +67,7 @@ impl Pwm {
         stop: Peri<'static, PB12>,
     ) -> Self {
         let mut stop = Flex::new(stop);
-        // The level of a pin can be read whatever its function is.
+        // `contact_open` can still read the level, because a pin's input also works in an alternate function.
         stop.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
         let trigger = SAMPLING.compare([0; 2]);
         set_up(trigger);
@@ -101,7 +101,7 @@ impl Pwm {
 
     /// Enables the outputs; has no effect while the contact is open.
     pub fn enable(&mut self) {
-        // Zeros clear the flags. The break flag must be clear before the next break; the others are not used.
+        // Writing 0 clears a flag. The break flag must be clear before the next break; no other flag is used.
         TIM1.sr().write(|_| ());
         TIM1.bdtr().modify(|w| w.set_moe(true));
     }

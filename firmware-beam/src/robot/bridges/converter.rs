@@ -60,7 +60,7 @@ const SAMPLE_TIMEOUT: Duration = Duration::from_millis(3);
 /// Counts of TIM2 at which an injected conversion may begin. A scan ends at 647; an earlier injected conversion would
 /// restart the scan's last channel. The injected conversion must end before the next scan begins.
 const BETWEEN: core::ops::Range<u32> = 648..TOP - 150;
-/// Polls of a stream that stops; it first ends its transfer.
+/// Polls of a stream after its stop was requested; the stream first ends its transfer.
 const STOP_POLLS: u32 = 1000;
 /// Flags of the status register; a flag written as 1 is unchanged.
 const FLAGS: u32 = 0x3f;
@@ -131,7 +131,7 @@ impl Converter {
     /// Restarts with the first channel, in phase with the previous blocks.
     pub fn restart(&mut self) {
         if !stop() {
-            // The next timeout calls this again.
+            // `read` then times out, and its caller calls `restart` again.
             return;
         }
         let now = Instant::now().as_micros();
@@ -155,7 +155,7 @@ impl Converter {
     }
 }
 
-/// Sets the constant registers; the converter is still off.
+/// Sets the registers that never change afterwards; the converter must be off.
 fn configure(scan: [u8; CHANNELS], injected: u8) {
     // 84 MHz / 4.
     pac::ADC123_COMMON
@@ -186,7 +186,7 @@ fn run(wait: Micros) {
     stream.par().write_value(pac::ADC1.dr().as_ptr() as u32);
     stream.m0ar().write_value(RING.as_ptr() as u32);
     stream.ndtr().write(|w| w.set_ndt(2 * BLOCK as u16));
-    // Channel 0, from the peripheral, without FIFO: as after a reset.
+    // Channel, direction and FIFO keep their reset values: channel 0, peripheral to memory, no FIFO.
     stream.cr().write(|w| {
         w.set_pl(Pl::VERY_HIGH);
         w.set_psize(Size::BITS16);
@@ -216,10 +216,10 @@ fn run(wait: Micros) {
     pac::TIM2.cr1().modify(|w| w.set_cen(true));
 }
 
-/// Stops everything; true if the stream has stopped.
+/// Stops stream, timer and converter; true if the stream has stopped.
 fn stop() -> bool {
     let stream = DMA2.st(0);
-    // Interrupts off, because the handler changes the converter's registers too.
+    // The stream's interrupts are off, because the handler changes the converter's registers too.
     stream.cr().modify(|w| {
         w.set_htie(false);
         w.set_tcie(false);
@@ -227,8 +227,8 @@ fn stop() -> bool {
     });
     let stopped = (0..STOP_POLLS).any(|_| !stream.cr().read().en());
     pac::TIM2.cr1().modify(|w| w.set_cen(false));
-    // Switching the converter off resets its place in the scan. A pending DMA request and the overrun flag would
-    // prevent further requests.
+    // Switching the converter off makes the next scan begin with the first channel. A pending DMA request and the
+    // overrun flag would prevent further requests.
     pac::ADC1.cr2().write(|_| {});
     // Read the result that was not fetched, so that it is not the first of the next scan.
     pac::ADC1.dr().read();

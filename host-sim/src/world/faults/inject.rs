@@ -13,7 +13,7 @@ pub type ClockLag = u32;
 /// Samples of the boards at a tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Readings {
-    /// Axles, front first.
+    /// Samples of the axle boards, front first.
     pub axles: Vec<axle::Samples>,
     /// Counts of each frame's bridges, front first.
     pub frames: Vec<[i32; MAX_GAUGES]>,
@@ -143,7 +143,7 @@ impl Injector {
         }
     }
 
-    /// The wheel that leaves the ground at this tick.
+    /// Wheel that leaves the ground at this tick; `None` if no wheel does.
     pub fn lifts(&self, tick: u32) -> Option<Wheel> {
         match self.fault {
             Fault::WheelLifted(wheel) if tick == self.at => Some(wheel),

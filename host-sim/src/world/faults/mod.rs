@@ -1,7 +1,7 @@
 //! Faults injected at the interfaces of a simulated robot: sensors, motors, frame, bus, boards.
 //!
-//! [`Injector`] applies a fault; the catalogue (`virtual_robot::faults` in the crate `remote`) lists the allowed ends
-//! of a run with each fault.
+//! [`Injector`] applies a fault; `virtual_robot::faults` in the crate `remote` lists the allowed ends of a run with
+//! each fault.
 
 mod inject;
 
@@ -29,12 +29,12 @@ pub enum Rail {
     FullScale,
 }
 
-/// Fault. Axles are numbered from 0 at the front. Gauges are those of the first frame, numbered from 0 at the root.
+/// Fault. Axles are numbered from 0 at the front. Gauges belong to the first frame, numbered from 0 at the root.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: control of the campaign.
     None,
-    /// Bus with the given properties.
+    /// The bus gets the given properties.
     Bus(BusConfig),
     /// A board loses its supply and restarts.
     Reset {
@@ -61,7 +61,7 @@ pub enum Fault {
     },
     /// Bridges read an end of the converter's range.
     GaugeRail {
-        /// Number of bridges, from the root.
+        /// Number of bridges at the end of the range, counted from the root.
         count: usize,
         /// End of the range that the bridges read.
         rail: Rail,
@@ -83,7 +83,7 @@ pub enum Fault {
     EncoderJumps {
         /// Wheel whose encoder jumps.
         wheel: Wheel,
-        /// Counts of each jump.
+        /// Size of each jump, counts.
         counts: i32,
     },
     /// The encoders of an axle are swapped.
@@ -96,7 +96,7 @@ pub enum Fault {
     GyroBias {
         /// Axle with the biased gyro.
         axle: usize,
-        /// Bias, rad/s.
+        /// Bias of the gyro, rad/s.
         bias_rad_s: f32,
     },
     /// The accelerometer of an axle gives no reading.
@@ -110,7 +110,7 @@ pub enum Fault {
     },
     /// A motor gives a constant torque while its motor bridge is on.
     MotorStuckOn {
-        /// Wheel of the motor.
+        /// Wheel whose motor is stuck on.
         wheel: Wheel,
         /// Torque of the motor at the wheel, N m.
         torque_n_m: f64,

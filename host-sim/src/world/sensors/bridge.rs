@@ -224,7 +224,12 @@ pub(super) struct Bridge {
     limit: f64,
     converter: Option<Arc<ConverterError>>,
     delay: Delay<i32>,
+    /// Latest finite strain.
+    strain: f64,
 }
+
+/// Largest magnitude of a strain, far beyond the range of every bridge.
+const MAX_STRAIN: f64 = 1.0;
 
 impl Bridge {
     /// A bridge of one frame. `creep_error` is the creep of its gauges beyond the mean share; `random` gives its noise.
@@ -249,16 +254,24 @@ impl Bridge {
             counts_per_strain: 1.0 / config.strain_per_count(),
             limit: f64::from(config.full_scale_counts()),
             delay: Delay::new(config.delay_ms),
+            strain: 0.0,
         }
     }
 
+    /// Counts of a reading 1 ms after the last. A strain that is not finite gives the end of the range, and leaves
+    /// the filter and the ageing of the gauge at the last strain.
     pub fn sample(&mut self, strain: f64) -> i32 {
+        let known = strain.is_finite();
+        if known {
+            self.strain = strain.clamp(-MAX_STRAIN, MAX_STRAIN);
+        }
         let offset = self.offset.next(&mut self.random);
-        let [strain, moved] = self.ageing.next(strain);
+        let [strain, moved] = self.ageing.next(self.strain);
         let measured = self.filter.pass(self.gain * strain + (offset + moved));
         let measured = measured + normal(&mut self.random, self.noise_sigma);
         let counts = measured * self.counts_per_strain;
         let counts = converted(counts, self.limit, self.converter.as_deref()).round();
+        let counts = if known { counts } else { self.limit };
         self.delay
             .pass(counts.clamp(-self.limit, self.limit - 1.0) as i32)
     }

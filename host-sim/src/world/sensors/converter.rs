@@ -5,7 +5,7 @@ use virtual_board::chip::Nonlinearity;
 
 /// Full range of the chip's converter, counts.
 const RANGE: f64 = 4096.0;
-/// Intervals of the curve, each interpolated linearly.
+/// Number of intervals of the error curve, each interpolated linearly.
 const PLACES: usize = 1024;
 /// Half width of the noise kernel, standard deviations, and kernel steps per standard deviation.
 const REACH: f64 = 3.0;

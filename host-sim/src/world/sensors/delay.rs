@@ -4,7 +4,7 @@ use super::SAMPLE_PERIOD_S;
 use crate::world::random::normal;
 use rand_pcg::Pcg64;
 
-/// Longest delay from the instant of sampling to the board, ms.
+/// Longest allowed delay from the instant of sampling to the board, ms.
 pub const MAX_DELAY_MS: u32 = 31;
 
 /// Samples per step of a random walk: drift is slow against a tick.

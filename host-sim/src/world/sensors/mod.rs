@@ -96,7 +96,7 @@ impl GeometryConfig {
 }
 
 impl SensorConfig {
-    /// Checks every value.
+    /// Checks every value of the sensors.
     pub fn check(&self) -> Result<(), Error> {
         within("sensors.placement", self.placement.check_ranges())?;
         within("sensors.geometry", self.geometry.check_ranges())?;
@@ -169,7 +169,7 @@ impl SensorConfig {
 /// Inputs of the sensors from the plant at one instant.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
-    /// Axles, front first.
+    /// Inputs of the axles' sensors, front first.
     pub axles: Vec<AxleTruth>,
     /// Strains of the outer fibre at the true positions of each frame's gauges, positive where the frame bends left.
     /// Front frame first.
@@ -190,7 +190,7 @@ pub struct AxleTruth {
 /// Samples of the boards at one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    /// Axles, front first.
+    /// Samples of the axle boards, front first.
     pub axles: Vec<AxleSamples>,
     /// Converter counts of each frame's bridges, zero at mid-scale; zero where there is no gauge. Front frame first.
     pub frames: Vec<[i32; MAX_GAUGES]>,
@@ -199,8 +199,8 @@ pub struct Samples {
 /// Samples of an axle's board at one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleSamples {
-    /// Encoder counters by wheel; they wrap around.
-    pub encoder_counts: [i32; 2],
+    /// Encoder counters by wheel; they wrap around. `None` for an angle that is not finite.
+    pub encoder_counts: [Option<i32>; 2],
     /// Yaw rate, rad/s; none where no gyro is fitted.
     pub gyro: Option<f32>,
     /// Longitudinal specific force, m/s²; none where no accelerometer is fitted.
@@ -210,7 +210,7 @@ pub struct AxleSamples {
 #[derive(Clone, Debug)]
 struct AxleSensors {
     encoder_phase: [f64; 2],
-    encoder_delay: Delay<[i32; 2]>,
+    encoder_delay: Delay<[Option<i32>; 2]>,
     gyro: InertialChannel,
     accelerometer: InertialChannel,
 }
@@ -282,16 +282,16 @@ impl Sensors {
     }
 
     /// Readings 1 ms after the last call; allocates nothing. An axle or gauge missing in `truth` keeps its last
-    /// reading.
+    /// reading. A value that is not finite gives a missing encoder count, NaN of an inertial sensor, or a bridge at the
+    /// end of its range.
     pub fn sample(&mut self, truth: &Truth) -> &Samples {
         let axles = self.axles.iter_mut().zip(&truth.axles);
         for (samples, (axle, truth)) in self.samples.axles.iter_mut().zip(axles) {
             let counts = std::array::from_fn(|wheel| {
-                let counts = (truth.wheel_angle[wheel] * self.counts_per_radian
-                    + axle.encoder_phase[wheel])
-                    .floor();
+                let angle = truth.wheel_angle[wheel];
+                let counts = (angle * self.counts_per_radian + axle.encoder_phase[wheel]).floor();
                 // Through i64: a hardware counter wraps where a float conversion would saturate.
-                counts as i64 as i32
+                angle.is_finite().then_some(counts as i64 as i32)
             });
             *samples = AxleSamples {
                 encoder_counts: axle.encoder_delay.pass(counts),

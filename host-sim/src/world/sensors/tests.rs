@@ -1,7 +1,7 @@
 use super::bridge::LowPass;
 use super::*;
 
-/// No randomness, no delay, all sensors fitted.
+/// Sensors without randomness and delay, all of them fitted.
 fn clean() -> SensorConfig {
     let mut config = SensorConfig::default();
     config.gyro.fitted = true;
@@ -111,7 +111,7 @@ fn encoder_counts_one_revolution_and_wraps() {
     let mut at = |angle: f64| {
         let mut truth = at_rest(0);
         truth.axles[1].wheel_angle[0] = angle;
-        sensors.sample(&truth).axles[1].encoder_counts[0]
+        sensors.sample(&truth).axles[1].encoder_counts[0].unwrap()
     };
     assert_eq!(at(0.0), 0);
     assert_eq!(at(TAU * 1.000_001), 8192);
@@ -152,14 +152,15 @@ fn drawn_errors_have_the_configured_spread_and_common_random_numbers() {
     spread(&|d| d.placement[2], 0.0, 2e-3);
     spread(&|d| d.frames[0].bridge_offset[4], 0.0, 200e-6);
     spread(&|d| d.frames[0].gauge_shift_m[2], 0.0, 0.3e-3);
-    // Own and common part together; two bridges share the common part only.
+    // Drift is the sum of the bridge's own and the common part. The common part cancels in the difference of two
+    // bridges.
     spread(&|d| d.frames[0].bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
     spread(
         &|d| d.frames[0].bridge_drift[3] - d.frames[0].bridge_drift[0],
         0.0,
         2f64.sqrt() * 1e-6,
     );
-    // 4.9e-5 rad/s/√Hz averaged over one second, then a minute of 5e-5 rad/s/√s.
+    // Bias: noise of 4.9e-5 rad/s/√Hz averaged over 1 s, then a random walk of 5e-5 rad/s/√s for 60 s.
     let sigma = (4.9e-5f64.powi(2) * 0.5 + 5e-5f64.powi(2) * 60.0).sqrt();
     spread(&|d| d.gyro_bias[0], 0.0, sigma);
 
@@ -320,7 +321,7 @@ fn samples_have_the_configured_delay() {
         });
         truth.strains[0][0] = t * config.bridge.strain_per_count();
         let sample = sensors.sample(&truth);
-        assert_eq!(sample.axles[0].encoder_counts[1], (k - 3).max(0));
+        assert_eq!(sample.axles[0].encoder_counts[1], Some((k - 3).max(0)));
         let late = f64::from((k - 1).max(0)) * 0.01;
         assert!((f64::from(sample.axles[1].gyro.unwrap()) - late).abs() < 1e-4);
         assert_eq!(sample.frames[0][0], (k - 31).max(0));
@@ -364,8 +365,44 @@ fn bias_walks_with_the_square_root_of_time() {
             f64::from(last.unwrap())
         })
         .collect();
-    // 0.01 rad/s/√s over 4 s.
+    // A random walk of 0.01 rad/s/√s has a standard deviation of 0.02 rad/s after 4 s.
     let (mean, sd) = mean_and_sd(&ends);
     assert!(mean.abs() < 0.003, "{mean}");
     assert!((sd / 0.02 - 1.0).abs() < 0.12, "{sd}");
+}
+
+#[test]
+fn values_that_are_not_finite_reach_the_boards_as_bad_samples() {
+    let config = clean();
+    let full = config.bridge.full_scale_counts() - 1;
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
+        let good = at_rest(1);
+        let before = sensors.sample(&good).clone();
+        let mut truth = good.clone();
+        truth.axles[1].wheel_angle[0] = bad;
+        truth.axles[1].yaw_rate = f64::NAN;
+        truth.strains[0][0] = bad;
+        let sample = sensors.sample(&truth).clone();
+        assert_eq!(sample.axles[1].encoder_counts, [None, Some(0)]);
+        assert!(sample.axles[1].gyro.unwrap().is_nan());
+        assert_eq!(
+            (sample.frames[0][0], sample.axles[0]),
+            (full, before.axles[0])
+        );
+        assert_eq!(
+            *sensors.sample(&good),
+            before,
+            "the bad sample leaves no trace"
+        );
+    }
+    // Huge, but finite.
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
+    let mut truth = at_rest(1);
+    truth.strains[0][0] = 1e300;
+    assert_eq!(sensors.sample(&truth).frames[0][0], full);
+    for _ in 0..10_000 {
+        sensors.sample(&at_rest(1));
+    }
+    assert!(sensors.sample(&at_rest(1)).frames[0][0].abs() < full);
 }

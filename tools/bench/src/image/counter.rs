@@ -21,11 +21,11 @@ const PAINT: u32 = 0xc5a3_3a5c;
 /// Cost of a call.
 #[derive(Clone, Copy, Default)]
 pub struct Cost {
-    /// Instructions, the call itself included.
+    /// Number of instructions, the call itself included.
     pub instructions: u32,
-    /// Bytes of stack.
+    /// Stack that the call used, bytes.
     pub stack: u32,
-    /// Address in the function that makes the call, which may have been inlined there.
+    /// Address inside the function that makes the call; the compiler may have inlined the measured function there.
     pub code: u32,
 }
 
@@ -40,7 +40,7 @@ pub struct Total {
 }
 
 impl Total {
-    /// Adds a call.
+    /// Adds the cost of a call.
     pub fn add(&mut self, cost: Cost) {
         self.calls += 1;
         self.sum += cost.instructions;
@@ -59,11 +59,11 @@ impl Total {
     }
 }
 
-/// Counts instructions.
+/// Counter of the instructions and the stack of a call.
 pub struct Counter {
-    /// Owned, so that no other code restarts the clock.
+    /// Timer of the measurement. It is owned, so that no other code can restart it.
     _clock: SYST,
-    /// Ticks of an empty measurement.
+    /// SysTick ticks that a measurement of an empty call takes.
     empty_ticks: u32,
     empty_stack: u32,
 }

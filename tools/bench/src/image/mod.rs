@@ -1,4 +1,4 @@
-//! Image that prints one line per measurement.
+//! Firmware image that prints one line per measurement.
 
 mod counter;
 mod ours;

@@ -20,7 +20,8 @@ use core_algos::time::{EPOCH, EPOCH_S, LEAD_PHASE, TICK};
 use core_algos::topology::Role;
 use semihosting::println;
 
-/// Measures everything. The parts are not inlined: the sum of their stack frames would leave too little stack to paint.
+/// Measures all algorithms. Each group has its own function that is not inlined: the sum of the stack frames would
+/// leave too little stack to paint.
 pub fn measure(counter: &mut Counter) {
     elementary(counter);
     filter(counter);
@@ -42,7 +43,7 @@ fn elementary(counter: &mut Counter) {
     counter.report_function("atan2", 16, vector, atan2, |(y, _)| y);
 }
 
-/// Axle filter of [`problem`].
+/// Axle filter with the constants of [`problem`], and its initial state.
 pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
     let config = ekf::Config {
         period_s: T,
@@ -77,7 +78,7 @@ fn diagonal<const N: usize>(values: &[f32; N]) -> [[f32; N]; N] {
     m
 }
 
-/// Measurements of step `k` as input of the filter.
+/// Measurements of step `k` as input of the axle filter.
 pub fn measurements(k: u32) -> Measurements {
     let [left, right, gyro, acceleration] = problem::measurement(k);
     Measurements {
@@ -163,7 +164,7 @@ fn fusion(counter: &mut Counter) {
     counter.report("covariance_intersection_trace", 4, |_| {
         least_trace.fuse(&black_box(a), &black_box(b))
     });
-    // A correlation of 0.999.
+    // Covariance of an ellipse that is very long and thin: correlation 0.999.
     let mut slender = a;
     slender.covariance[1][0] = 0.999 * 0.01 * 0.02;
     slender.covariance[0][1] = slender.covariance[1][0];
@@ -172,7 +173,7 @@ fn fusion(counter: &mut Counter) {
     });
 }
 
-/// Joint filter with gyros and beam while both axles drive a bend.
+/// Measures the joint filter with gyros and beam while both axles drive a bend.
 #[inline(never)]
 fn joint(counter: &mut Counter) {
     let filter = joint::Config::default().build(0.01);
@@ -223,7 +224,7 @@ fn control(counter: &mut Counter) {
     );
 }
 
-/// From the posture of the midpoint to the references of both axles, at the start of a drive.
+/// Measures the computation from the posture of the midpoint to the references of both axles, at the start of a drive.
 fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cascade) {
     let goal = black_box(Reference::default());
     let postures = |k: u32| black_box(Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4));
@@ -243,13 +244,13 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
     total.print("kinematic_governor_cascade");
 }
 
-/// Board of the default robot. Not inlined: building needs as much stack as is painted.
+/// Board of the default robot. The function is not inlined, because building a board needs as much stack as is painted.
 #[inline(never)]
 fn ready(role: Role) -> Ready {
     Ready::new(&RobotConfig::default(), role).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Whole ticks of each board: plain ticks, first ticks of an epoch, ticks of the lead node.
+/// Measures whole ticks of each board: plain ticks, first ticks of an epoch, ticks of the lead node.
 #[inline(never)]
 fn boards(counter: &mut Counter) {
     for role in Role::PAIR {

@@ -1,4 +1,4 @@
-//! Image with one tick of a board and of its periphery.
+//! Firmware image that contains one tick of a board and of its periphery.
 
 use core::hint::black_box;
 use core_algos::acquisition::analog::{Supply, Thermistor};
@@ -26,7 +26,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     a_node_step_can_panic()
 }
 
-/// Tick of a board with samples and frames unknown to the compiler.
+/// Runs a tick of a board with samples and frames whose values the compiler does not know.
 #[inline(never)]
 fn tick(board: &mut Board, outbox: &mut Outbox) {
     let now = black_box(0);
@@ -66,7 +66,7 @@ struct Periphery {
     calibration: calibration::Config,
 }
 
-/// Tick of the periphery with values unknown to the compiler.
+/// Runs a tick of the periphery with values that the compiler does not know.
 #[inline(never)]
 fn peripheral_tick(p: &mut Periphery) {
     if let Ok(message) = bus::decode(&black_box(CanFrame {

@@ -152,7 +152,7 @@ fn speed_is_unreduced_below_half_the_steering_wait_and_zero_above_it() {
     }
 }
 
-/// The region's curvature is 1.15 times the robot's greatest curvature, plus 0.1 rad over the distance.
+/// The approach may begin in the funnel of the curvature 1.15 κ_max + 0.1 rad/distance.
 #[test]
 fn approach_region_is_the_funnel_widened_by_its_slack() {
     let regulator = plain();
@@ -351,7 +351,7 @@ fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
         (0.1, 0.1, 0.0, Some(0.141_421)),
         (0.4, 0.0021, 0.0, Some(0.010_25)),
         (0.4, 0.0019, 0.0, None),
-        // 0.06 m/s for 1/6 s, at 0.2 m/s ((0.2² − (1/15)²) / 0.8 + 1/90) m.
+        // Stopping distance: 0.06 m/s · 1/6 s = 0.01 m, and at 0.2 m/s ((0.2² − (1/15)²) / 0.8 + 1/90) m.
         (0.4, 0.0101, 0.06, Some(0.030_25)),
         (0.4, 0.0099, 0.06, None),
         (0.4, 0.0557, -0.2, Some(0.144_25)),
@@ -392,7 +392,7 @@ fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
                 if phase == Phase::Stop {
                     assert_eq!(state.next, Next::Step(1));
                 }
-                // Half the speed at a steering error of 0.15 rad.
+                // A steering error of 0.15 rad halves the speed.
                 turned.1.steering = Steering(0.15);
                 let found = regulator.tick(&mut turned.0, &turned.1).command.v;
                 assert!(
@@ -406,7 +406,7 @@ fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
 
 #[test]
 fn approach_ends_after_100_ms_outside_the_funnel_or_1_s_without_speed() {
-    // These rows have the default law. The rows below have a law that commands almost no speed, inside the funnel.
+    // These cases have the default law. The cases below have a law that commands almost no speed, inside the funnel.
     let regulator = plain();
     let (inside, outside) = (at(-1.0, 0.0, 0.0), at(-0.2, -0.3, 0.0));
     for (no_progress_s, input, phase, left) in [
@@ -590,8 +590,8 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
     }
 }
 
-/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, time without progress (s), speed (m/s);
-/// phase after.
+/// Each case of equation 4 alone: posture beside the led goal (m, m, rad), phase, time without progress (s), speed
+/// (m/s); phase after the tick.
 #[test]
 fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
     let regulator = regulator(Strategy::PaperLaw);
@@ -626,7 +626,7 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
         (home, Approach, 0.0, 0.1, Hold),
         (home, Hold, 0.0, 0.0041, Hold),
         (home, Hold, 0.0, -0.0039, Done),
-        // The goal is left at 2.5 times 3 cm.
+        // The robot leaves the goal at 2.5 times the stop margin of 3 cm.
         (at_distance(0.0749), Done, 0.0, 0.0, Done),
         (at_distance(0.0751), Done, 0.0, 0.0, Approach),
         (at_distance(-0.074), Hold, 0.0, 0.1, Hold),

@@ -102,8 +102,8 @@ impl Covariance {
         [self.motion[I][K] * gain, gain]
     }
 
-    /// Update by measurements row · p, one after the other, given the innovations of p. Returns the
-    /// change of all states.
+    /// Update by three measurements, row · p for each row of `rows`, one after the other. `innovation` is measured less
+    /// predicted posture. Returns the change of all states.
     pub(in crate::fusion::ekf) fn observe_posture(
         &mut self,
         rows: &Mat3,

@@ -43,10 +43,10 @@ fn variance_above_the_limit_is_scaled_back_by_its_upkeep_part_alone() {
     }
 }
 
-/// Number of parts of the upkeep, and one that does nothing.
+/// Parts of the upkeep that the tests run: the eight parts that do something, and one that does nothing.
 const UPKEEP: usize = N + 2;
 
-/// Motion states of different pairs, by index in the whole state.
+/// One motion state of (v, v̇) and one of (φ̇, φ̈) each, by index in the whole state.
 const TIES: [[usize; 2]; 4] = [[3, 4], [3, 6], [4, 5], [5, 6]];
 
 #[test]
@@ -109,7 +109,8 @@ fn covariance_is_finite_if_every_part_is() {
     }
 }
 
-/// Noise along one direction has no variance across it; rounding must not make that variance negative.
+/// Position noise along one direction has no variance across this direction. Rounding must not make that variance
+/// negative.
 #[test]
 fn position_noise_along_one_line_makes_no_pivot_negative() {
     for k in 0..200u8 {

@@ -5,8 +5,8 @@ use crate::fusion::ekf::N;
 
 impl Covariance {
     /// Does one part of the upkeep; the caller runs the parts in turn. Part k from 0 to 6 scales the variance of state
-    /// k back to the limit and keeps the correlations. Part 7 removes a negligible coupling of the two pairs of motion
-    /// states. Other parts do nothing.
+    /// k back to the limit and keeps the correlations. Part 7 removes a negligible coupling of (v, v̇) and (φ̇, φ̈).
+    /// Other parts do nothing.
     pub(in crate::fusion::ekf) fn keep_up(&mut self, part: usize) {
         if part < N {
             let variance = self.variance(part);
@@ -18,7 +18,6 @@ impl Covariance {
         }
     }
 
-    /// Variance of a state.
     fn variance(&self, i: usize) -> f32 {
         if i < 3 {
             let mut own = self.own[i][i];

@@ -34,7 +34,7 @@ fn watching_host_receives_bus_frames_and_outputs() {
     let count = board.room() / entry.len();
     let few = entry.repeat(count);
     let longest = [0; REPORT_ENTRIES];
-    // The longest entries leave no room for a part of the output; an empty report is not sent.
+    // The longest events leave no room for a part of the output; an empty report is not sent.
     for entries in [&few, &longest[..], &few, &[], &few] {
         board.report(3, entries, &mut send);
     }
@@ -86,7 +86,7 @@ fn report_holds_a_part_of_the_output_if_its_entries_leave_room() {
         assert_eq!(payloads(&sent).len(), 1, "{length}");
         assert_eq!(left - board.telemetry.left(), if parts { part } else { 0 });
     }
-    // Without entries a report is sent only while output is left.
+    // Without events a report is sent only while output is left.
     for _ in 0..4 {
         let expected = usize::from(!board.wants_telemetry());
         let mut sent = Vec::new();

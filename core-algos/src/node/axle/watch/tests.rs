@@ -84,7 +84,7 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     watched
 }
 
-/// Rows of the requirements table while the axle drives. Limits: 60, 30 and 50 ms; 0.08 m and 0.35 rad; 0.6 of the
+/// Causes of the requirements table while the axle drives. Limits: 60, 30 and 50 ms; 0.08 m and 0.35 rad; 0.6 of the
 /// torque at 0.2 rad/s; 0.8 rad/s, less the yaw rate of the pushed wheels.
 const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
@@ -326,7 +326,7 @@ fn stop_that_is_not_followed_is_reported_during_the_stop() {
             let found = watched.conditions().contains(unstopped);
             assert_eq!(found, runs && by_speed, "{hold} {left} {right}");
         }
-        // Another state, or a stop that has not begun.
+        // The condition does not occur in another state, or before the stop has begun.
         let mut other = stopping(hold, &|w| {
             w.error(0.2, 0.0, 0.0);
             w.wheels(9.0, 9.0);
@@ -358,7 +358,7 @@ fn slip_is_the_difference_of_the_yaw_rates_by_gyro_and_wheels() {
     }
 }
 
-/// Every state, mode, age of the mode, pause and reference.
+/// Compares all combinations of state, mode, age of the mode, pause and reference.
 #[test]
 fn requests_match_the_table() {
     use LeadMode::{Active, Clear, Hold, Idle};

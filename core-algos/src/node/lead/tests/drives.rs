@@ -5,7 +5,7 @@ use crate::control::path::{PathPoint, TrajectoryPoint};
 use crate::fusion::ekf::Verdict;
 use crate::safety::Conditions;
 
-/// Both axles in the world; each reports in an odometric frame of its own.
+/// True postures of both axles, each of which reports in an odometric frame of its own.
 #[derive(Clone)]
 pub(super) struct World {
     pub(super) node: LeadNode,
@@ -13,7 +13,7 @@ pub(super) struct World {
     number: u64,
     /// Epochs by which the beam's messages are late.
     late: usize,
-    /// Front axle in the rear axle's frame, by epoch.
+    /// Posture of the front axle in the rear axle's frame, by epoch.
     bends: Vec<Posture>,
 }
 
@@ -21,7 +21,7 @@ const FRAMES: [Posture; 2] = [Posture::new(3.0, -2.0, 1.0), Posture::new(-1.0, 4
 const DT: f32 = 0.01;
 
 impl World {
-    /// At rest at the origin, with the frame straight.
+    /// World with the robot at rest at the origin and its frame straight.
     pub(super) fn new(task: Task) -> Self {
         let mut node = node();
         node.command(task);
@@ -176,7 +176,7 @@ fn robot_reaches_a_goal_aside_and_behind_and_is_released_after_the_hold() {
     assert!(!parts.is_empty() && parts.iter().all(|count| *count == 7));
     let [x, y, turn] = world.center().minus(goal);
     assert!(x.hypot(y) < 0.01 && turn.abs() < 0.0175, "{x} {y} {turn}");
-    // 60 s; then 0.1 s to rest, 0.1 s of rest and 0.75 s to release.
+    // The motors hold for 60 s. A stop follows: 0.1 s to rest, 0.1 s of rest and 0.75 s to release.
     assert_eq!(world.epochs(OperatingState::Armed), 6_001);
     assert!((94..=96).contains(&world.epochs(OperatingState::SafeStop)));
     (0..6200).for_each(|_| assert_eq!(world.step().supervision.reason, None));
@@ -383,7 +383,7 @@ fn references_continue_through_an_epoch_without_reports() {
     }
 }
 
-/// A posture of the beam counts up to 30 ms late.
+/// The beam's posture is used up to 30 ms late.
 #[test]
 fn late_posture_of_the_beam_is_advanced_by_odometry() {
     for late in [0, 1, 3, 4] {
@@ -480,7 +480,7 @@ fn driven_robot_follows_its_commands_and_stops_without_them() {
     (0..50).for_each(|_| assert_eq!(world.step().mode, LeadMode::Hold));
     assert!(distance(world.center(), after) < 1e-3);
     drive(&mut world, 300);
-    // After `Task::Idle`: 0.15 s for the stop, 0.1 s to rest and 0.75 s to release.
+    // After `Task::Idle` the stop takes 0.15 s, the rest 0.1 s and the release 0.75 s.
     world.node.command(Task::Idle);
     assert!((99..=102).contains(&world.epochs(OperatingState::SafeStop)));
 }

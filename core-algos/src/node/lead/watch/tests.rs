@@ -117,7 +117,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     watched
 }
 
-/// Causes from heartbeats: one axle is silent, the other one stops or does not arm.
+/// Causes from heartbeats: the front axle is silent and the rear axle stops or does not arm; then the reverse.
 const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
     use OperatingState::{Active, Fault, Idle, SafeStop};
     const LOST: &[Condition] = &[Condition::NeighbourLost];
@@ -160,7 +160,7 @@ const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
     ]
 };
 
-/// Rows of the requirements table while the robot drives.
+/// Causes of the requirements table while the robot drives.
 const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
         BeamInconsistent, BeamLost, CommanderSilent, EstimateInconsistent, EstimateVague,
@@ -346,7 +346,7 @@ fn beam_is_lost_only_for_a_fusion_that_uses_it() {
     }
 }
 
-/// The beam counts if its posture is fresh, else the estimate; a straight frame shows no wrench.
+/// The bend is the beam's if its posture is fresh, else the estimate's. The wrench counts only on a bent frame.
 #[test]
 fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
     for (by_beam, by_axles, bent) in [

@@ -8,7 +8,7 @@ use host_sim::base::statistics::square;
 pub struct CalibrationPoint {
     /// Strain of the outer fibre.
     pub strain: f64,
-    /// Mean counts.
+    /// Mean converter counts of each gauge.
     pub counts: [f64; MAX_GAUGES],
 }
 

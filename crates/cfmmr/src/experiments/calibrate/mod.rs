@@ -35,15 +35,16 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use turns::{Sum, Turn};
 use wheels::{Lap, Return};
 
-/// Standard deviation of a measured end along each axis, m: tape and marks on the floor.
+/// Standard deviation of an end position measured with tape and floor marks, m, along each axis.
 pub const TAPE_SIGMA_M: f64 = 1e-3;
 /// Relative standard deviation of a former's curvature.
 pub const FORMER_SIGMA: f64 = 1e-3;
 /// Standard deviation of the angle at which a turn by hand stops, rad.
 pub const MARK_SIGMA_RAD: f64 = 2e-3;
 
-/// Half side of the square, m; next constant: radius of the corners, m.
+/// Half side of the square that is driven to calibrate wheels, m.
 const HALF_SIDE_M: f64 = 1.0;
+/// Radius of the square's corners, m.
 const CORNER_M: f64 = 0.6;
 
 /// Simulated robot under calibration, with its boards.
@@ -57,21 +58,21 @@ pub struct CalibrationBench {
     pub interrupt: Arc<AtomicBool>,
 }
 
-/// Result of a run on a path.
+/// Result of one drive along a calibration path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationRun {
     /// Odometry and measured end of each axle, front first.
     pub axles: Vec<Return>,
-    /// True turn less odometric turn of each axle, rad.
+    /// True less odometric change of heading of each axle, rad.
     pub heading: Vec<f64>,
-    /// Measured end of the robot less its estimate, m.
+    /// Measured less estimated end position of the robot, m.
     pub robot: [f64; 2],
     /// Root mean square error of the relative posture measured by the first frame: m, m, rad.
     pub beam: [f64; 3],
 }
 
 impl CalibrationBench {
-    /// Robot drawn with `seed`; its boards are `boards`, or in this process.
+    /// Bench with a robot drawn with `seed`. `boards` are the robot's boards; `None`: boards in this process.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
             robot: scenario.world.draw(scenario.robot.topology(), seed, 0),
@@ -87,8 +88,8 @@ impl CalibrationBench {
         &self.robot
     }
 
-    /// Drives a path with the noise, placement and encoder phases of draw `run`; all other errors are those of the
-    /// robot, draw 0.
+    /// Drives a path. Noise, placement and encoder phases are of random draw `run`; all other errors of the robot are
+    /// of draw 0.
     pub fn drive(
         &mut self,
         scenario: &Scenario,
@@ -139,7 +140,7 @@ impl CalibrationBench {
             heading.push(wrap(phi - bus_postures.laps[i].end()[2]));
             Return {
                 lap: bus_postures.laps[i].clone(),
-                // The heading is measured by marks at both wheels.
+                // The heading is computed from the marks of both wheels, which are one track apart.
                 end: [
                     x + tape(),
                     y + tape(),
@@ -175,7 +176,7 @@ impl CalibrationBench {
         let bridge = &scenario.world.sensors.bridge;
         let configured_half_thickness = f64::from(scenario.robot.geometry.half_thickness_m);
         let mut random = generator(self.seed, 1, Stream::Other(78));
-        // The common offset after zeroing is from the straight edge; the drift since zeroing is 0.
+        // The straight edge is not exactly straight, which adds one strain to all gauges. Drift is 0 at zeroing.
         let edge = normal(&mut random, bridge.common_sigma_strain);
         let mut robot = self.robot.clone();
         robot.frames[0].bridge_drift = [0.0; MAX_GAUGES];
@@ -268,7 +269,7 @@ pub fn square(direction: f64) -> Result<Path, Error> {
     for quarter in 0..4 {
         let (s, c) = libm::sincos(f64::from(quarter) * TAU / 4.0);
         let mut add = |x: f64, y: f64| {
-            // Rotated about the middle of the square.
+            // Rotates the first side about the middle of the square.
             let y = y - HALF_SIDE_M;
             let at = (c * x - s * y, direction * (s * x + c * y + HALF_SIDE_M));
             points.push(Waypoint::from(at));
@@ -286,7 +287,7 @@ pub fn square(direction: f64) -> Result<Path, Error> {
     Path::through(&points).map_err(|error| Error::Failure(error.to_string()))
 }
 
-/// Odometry and beam postures from the bus, and start postures.
+/// Postures that the axle and beam boards sent on the bus, and the true postures at the start.
 struct BusPostures {
     axles: Vec<[f64; 3]>,
     midpoint: [f64; 3],
@@ -336,7 +337,7 @@ impl BusPostures {
                 let relative = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
                 self.beam.push(relative);
             }
-            // The commanded steering has no sensor errors.
+            // The relative heading is that of the commanded steering, which has no sensor errors.
             Ok(Message::LeadStatus { steering_rad, .. }) => {
                 self.relative_heading = f64::from(Steering(steering_rad).relative_heading().0)
             }
@@ -344,7 +345,7 @@ impl BusPostures {
         }
     }
 
-    /// Root mean square error of the beam board's postures: m, m, rad.
+    /// Root mean square error of the beam board's postures from number `first` on: m, m, rad.
     fn beam_error(&self, truth: &[[f64; 3]], first: usize) -> [f64; 3] {
         let pairs = self.beam.iter().skip(first).zip(truth);
         let (mut sums, mut count) = ([0.0; 3], 0.0);

@@ -56,7 +56,7 @@ pub struct CalibrationReport {
     pub(super) notes: Vec<String>,
     /// True if the boards have saved the parameters.
     pub saved: bool,
-    /// The parameters by board.
+    /// Calibrated parameters of each board.
     #[serde(skip)]
     pub found: Overlays,
 }
@@ -66,7 +66,7 @@ pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
 }
 
 impl CalibrationReport {
-    /// Empty report.
+    /// Report without parameters.
     fn of(scenario: &Scenario) -> Self {
         Self {
             found: Overlays::new(scenario.robot.topology()),
@@ -74,7 +74,7 @@ impl CalibrationReport {
         }
     }
 
-    /// Adds a calibrated parameter; fails if `after` is out of its range.
+    /// Adds a calibrated parameter to the report; fails if its new value `after` is out of range.
     pub(super) fn find(
         &mut self,
         role: Role,
@@ -112,7 +112,7 @@ impl CalibrationReport {
         });
     }
 
-    /// Tables and notes.
+    /// Tables and notes of the report, as text.
     pub fn text(&self) -> String {
         let digits = |row: &CalibratedParameter| if row.unit == "counts" { 2 } else { 6 };
         let mut table = Table::new([
@@ -297,7 +297,7 @@ pub fn calibrate_gauges(
         let truth = 1.0 / (1.0 + frame.bridge_gain_error[i]);
         report.find(Role::beam(0), &name, 1.0, *gain, truth)?;
     }
-    // The first lap has calibrated zeros and nominal gains: without zeros the robot cannot follow the path.
+    // The lap before the calibration of gains already uses calibrated zeros, without which the robot cannot follow.
     let mut zeroed = Overlays::new(scenario.robot.topology());
     zeroed.put(Role::beam(0), &report.found.values(Role::beam(0))?);
     for i in 0..count {
@@ -328,7 +328,7 @@ pub fn calibrate_gauges(
             [0, 1].map(|i| 1e3 * errors[i][k]),
         );
     }
-    // The effect of the zeros is computed: the remaining mean strain turns the frame's end.
+    // The effect of the zeros is computed, not driven: a mean strain error turns the measured end of the frame.
     let geometry = &scenario.robot.geometry;
     let [length, half] = [geometry.frame_length_m, geometry.half_thickness_m].map(f64::from);
     let unzeroed = frame.bridge_offset[..count].iter().sum::<f64>() / count as f64;

@@ -15,7 +15,7 @@ use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// Timeout of the procedure; averaging takes 3 s.
+/// Timeout of the beam board's answer. The board averages for 3 s.
 const TIMEOUT: Duration = Duration::from_secs(15);
 const READ_TIMEOUT: Duration = Duration::from_millis(10);
 
@@ -44,7 +44,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
              the gains"
         )));
     }
-    // The sequence distinguishes the answer from answers to earlier processes.
+    // The sequence number distinguishes this answer from answers to earlier runs of the command.
     let sequence = (std::process::id() % 256) as u8;
     let message = Message::BeamCalibration {
         frame: FrameId(0),
@@ -95,7 +95,7 @@ fn wait_for_confirmation(hold: &str) -> Result<(), Error> {
     }
 }
 
-/// Sends the request and waits for the answer of the beam board.
+/// Sends the request and waits for the answer of the beam board: result and index of the gauge.
 fn request(
     mut port: Box<dyn Link>,
     mut link: BoardLink,

@@ -16,13 +16,13 @@ impl Sum {
         self.count += 1.0;
     }
 
-    /// Mean, rad/s.
+    /// Mean of the readings, rad/s; 0 without a reading.
     pub fn mean(&self) -> f64 {
         self.total / self.count.max(1.0)
     }
 }
 
-/// Readings of one turn.
+/// Gyro readings of one turn by a known angle.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
     /// Readings at rest before and after the turn.
@@ -34,7 +34,7 @@ pub struct Turn {
 }
 
 impl Turn {
-    /// Bias, mean of both rests, rad/s.
+    /// Bias of the gyro, rad/s: mean of both rests.
     pub fn bias(&self) -> f64 {
         0.5 * (self.rests[0].mean() + self.rests[1].mean())
     }
@@ -53,7 +53,7 @@ pub fn gain(turns: &[Turn], interval_s: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Readings of a gyro with a scale and a linearly growing bias.
+    /// Readings of a gyro with scale `scale` and a bias that grows linearly from `bias`.
     fn turn(scale: f64, angle: f64, bias: f64, growth: f64) -> Turn {
         let mut sums = [Sum::default(); 3];
         for k in 0..12_000u32 {

@@ -13,10 +13,10 @@ use core_algos::bus::field::POSITION_SPAN_M;
 use host_sim::run::final_error::wrap;
 use plant::elastica::solve;
 
-/// Standard deviation of a measured end of the axle, m; weighs heading against position.
+/// Standard deviation of an axle's measured end position, m. Weighs headings against positions in the fit.
 const MARK_M: f64 = 1e-3;
 
-/// Odometry of one run.
+/// Odometry of an axle in one run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lap {
     last_posture: Option<[f64; 3]>,
@@ -91,30 +91,30 @@ impl Lap {
 pub struct Return {
     /// Odometry of the run.
     pub lap: Lap,
-    /// True end in the frame of the start: m, m, rad.
+    /// True final posture in the coordinates of the start: m, m, rad.
     pub end: [f64; 3],
 }
 
 impl Return {
-    /// True end less odometric end, m.
+    /// True less odometric end position, m.
     pub fn error(&self) -> [f64; 2] {
         let [x, y, _] = self.lap.end();
         [self.end[0] - x, self.end[1] - y]
     }
 
-    /// True end less the end of odometry corrected for creep (1/s), m.
+    /// True less odometric end position, m, with the odometry corrected for `creep`, 1/s.
     pub fn without_creep(&self, creep: f64) -> [f64; 2] {
         let ([x, y, _], _) = self.lap.predict(&[0.0, 0.0, creep]);
         [self.end[0] - x, self.end[1] - y]
     }
 }
 
-/// Errors of an axle's constants.
+/// Errors of an axle's odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OdometryErrors {
-    /// Relative excess of the right radius and deficit of the left radius over the configured values.
+    /// Relative difference of true and configured radius: of the right wheel `ratio`, of the left wheel −`ratio`.
     pub ratio: f64,
-    /// Relative excess of a true turn over the odometric turn.
+    /// True less odometric turn, as a fraction of the odometric turn.
     pub turn: f64,
     /// Yaw rate due to creep, per relative heading, 1/s.
     pub creep: f64,
@@ -137,7 +137,7 @@ pub fn fit(returns: &[Return], track_m: f64) -> Option<OdometryErrors> {
     sound.then_some(OdometryErrors { ratio, turn, creep })
 }
 
-/// One step of Gauss–Newton.
+/// Change of the errors by one Gauss–Newton step; `None` if the equations are singular.
 fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<[f64; 3]> {
     let (mut normal, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
     for item in returns {
@@ -168,10 +168,10 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
     Some([0, 1, 2].map(|i| change[i] / scale[i]))
 }
 
-/// Constants of an axle.
+/// Wheel radius, wheel ratio and track of an axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleConstants {
-    /// Mean radius, m.
+    /// Mean radius of both wheels, m.
     pub radius_m: f64,
     /// Radius of the right wheel over radius of the left wheel.
     pub ratio: f64,
@@ -180,12 +180,12 @@ pub struct AxleConstants {
 }
 
 impl AxleConstants {
-    /// Corrected constants; `scale` is the true over the odometric length of a straight line.
+    /// Corrected constants; `scale` is the true length of a straight line divided by its odometric length.
     pub fn corrected(&self, scale: f64, errors: &OdometryErrors) -> Self {
         Self {
             radius_m: self.radius_m * scale,
             ratio: self.ratio * (1.0 + errors.ratio) / (1.0 - errors.ratio),
-            // Turns are measured with the configured radii, hence the factor.
+            // Odometric turns used the uncorrected radii, hence the factor `scale`.
             half_track_m: self.half_track_m * scale / (1.0 + errors.turn),
         }
     }
@@ -235,7 +235,7 @@ mod tests {
         let track = 2.0 * CONFIGURED.half_track_m;
         lap.add(odometry, track, 0.0, 0.0);
         let mut step = |ds: f64, turn: f64, dt: f64, heading: f64| {
-            // Advance of the wheels with configured and with true radii.
+            // Wheel travel that odometry computes with the configured radii; below, the travel with the true radii.
             let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
             let configured = radii(&CONFIGURED);
             let real = radii(truth);
@@ -302,7 +302,7 @@ mod tests {
             }
             let errors = fit(&returns, 0.324).unwrap();
             let found = CONFIGURED.corrected(1.0, &errors);
-            // Remaining errors are of second order.
+            // The tolerances are for second-order errors, which the fit neglects.
             assert!((found.ratio - truth.ratio).abs() < 3e-5, "{found:?}");
             let track = found.half_track_m / truth.half_track_m;
             assert!((track - 1.0).abs() < 3e-4, "{found:?}");
@@ -310,7 +310,7 @@ mod tests {
         }
     }
 
-    /// UMBmark's formulas, for corners turned on the spot: wheel ratio, track factor.
+    /// Wheel ratio and track factor by UMBmark's formulas, which are for corners turned on the spot.
     fn umbmark(ccw: [f64; 2], cw: [f64; 2], side: f64) -> (f64, f64) {
         let alpha = (cw[0] + ccw[0]) / (-4.0 * side);
         let beta = (cw[0] - ccw[0]) / (-4.0 * side);
@@ -332,7 +332,7 @@ mod tests {
             (track * CONFIGURED.half_track_m / TRUTH.half_track_m - 1.0).abs() < 1e-3,
             "{track}"
         );
-        // Sharp corners take no time, so they do not determine creep; here creep is 0.
+        // Sharp corners take no time, so the creep cannot be fitted and the errors are from UMBmark's formulas.
         let both = [ccw, cw];
         assert_eq!(fit(&both, 0.324), None);
         let errors = [0.5 * (ratio - 1.0), 1.0 / track - 1.0, 0.0];

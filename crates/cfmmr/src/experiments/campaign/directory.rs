@@ -28,7 +28,7 @@ pub struct Directory {
 pub enum Block {
     /// Runs of the block.
     Complete(Vec<CampaignRow>),
-    /// No file.
+    /// The block has no file.
     Missing,
     /// Unusable file, with the reason.
     Damaged(String),
@@ -74,7 +74,7 @@ impl Directory {
         Self::open_for(study, path)
     }
 
-    /// The study.
+    /// Study of this campaign.
     pub fn study(&self) -> &Study {
         &self.study
     }

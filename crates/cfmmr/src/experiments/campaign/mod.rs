@@ -1,8 +1,8 @@
 //! Campaigns: seeded Monte Carlo studies over variations of a scenario, computed in independent parts (shards).
 //!
 //! [`study`] defines each run; [`parts`] computes and merges runs; [`directory`] stores runs in blocks, one file of
-//! JSON lines each; [`rows`] holds results; [`report`] summarises. Runs and blocks are functions of the study and their
-//! number alone, so any number of shards gives the same files.
+//! JSON lines each; [`rows`] holds results; [`report`] summarises. A run or a block depends only on the study and its
+//! own number, so any number of shards gives the same files.
 
 pub mod directory;
 pub mod parts;

@@ -1,4 +1,4 @@
-//! Parts of a campaign. [`compute`] computes the missing blocks of one part; [`merge`] merges all blocks.
+//! Shards of a campaign. [`compute`] computes the missing blocks of one shard; [`merge`] merges all blocks.
 
 use super::directory::{Block, Directory};
 use super::report::CampaignReport;
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Numbers of runs of a finished part.
+/// Numbers of runs of a finished shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Computed {
     /// Number of computed runs.
@@ -27,7 +27,7 @@ pub struct Computed {
     pub before: u64,
 }
 
-/// Computes the missing blocks of one part, with parts of the user.
+/// Computes the missing blocks of one shard, with parts of the user.
 pub fn compute(
     directory: &Directory,
     shard: &Shard,
@@ -167,11 +167,11 @@ pub struct Merged {
     pub report: CampaignReport,
     /// Table and pictures, not yet written.
     pub files: OutputDir,
-    /// CRC-32C of the table.
+    /// CRC-32C of the table of all runs.
     pub hash: u32,
 }
 
-/// Merges the runs of all parts into a folder; `partial` leaves out missing and damaged blocks.
+/// Merges the runs of all shards; `partial` leaves out missing and damaged blocks.
 pub fn merge(
     directory: &Directory,
     from: &Path,

@@ -1,7 +1,8 @@
 //! Pictures of a campaign: distributions, end postures and influences.
 //!
-//! Each picture is split by every listed quantity that is not a number: into panels, or into coloured series if no
-//! listed number uses the colours.
+//! A study varies quantities: a listed quantity takes given values, a drawn quantity is random. Each picture is split
+//! by every listed quantity that is not a number: into panels, or into coloured series if no listed number uses the
+//! colours.
 
 use super::report::{Influence, listed, numbers, short};
 use super::rows::CampaignRow;
@@ -16,7 +17,7 @@ use view::style::{BAND, INK, Mark, Shape, Stroke, mark_of, series, series_by};
 
 /// Smallest error on a logarithmic axis, cm and degrees.
 const MIN_ERROR: f64 = 0.01;
-/// Marks of the series, distinct in grayscale.
+/// Symbols of the series, distinct in grayscale.
 const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
 /// Largest number of maps in a row.
 const MAPS: usize = 2;
@@ -29,7 +30,7 @@ fn on_decades(error: f64) -> f64 {
 /// Listed quantity with the values that occur in the runs, in the order of the study's file.
 struct Listed<'a> {
     vary: &'a Vary,
-    /// Index among the varied quantities.
+    /// Index of the quantity among all varied quantities of the study.
     index: usize,
     values: Vec<&'a toml::Value>,
 }
@@ -60,7 +61,7 @@ struct Group<'a> {
     rows: Vec<&'a CampaignRow>,
 }
 
-/// All runs.
+/// Group of all runs, without label.
 fn all(rows: &[CampaignRow]) -> Group<'_> {
     Group {
         label: String::new(),
@@ -89,8 +90,8 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     })
 }
 
-/// Lists whose values are not numbers. If all lists hold numbers: the first list, provided that it has at most four
-/// values.
+/// Listed quantities by which maps are split: those that are not numbers. If all are numbers, the first, provided that
+/// it has at most four values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     let words = lists.iter().filter(|list| !list.vary.is_numeric());
     let words: Vec<&Listed> = words.collect();
@@ -101,9 +102,9 @@ fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     }
 }
 
-/// Distribution functions of the final errors, one line per combination of listed numbers: the last number by colour,
-/// the others by pattern. Each combination of the other lists has a row of panels; without listed numbers, the last of
-/// these lists is shown by colour.
+/// Distribution functions of the final errors. Listed numbers select the line: the last number its colour, the others
+/// its pattern. Each combination of listed words has a row of panels; without listed numbers, the last listed quantity
+/// selects the colour.
 pub fn distributions(study: &Study, rows: &[CampaignRow]) -> Figure {
     let lists = Listed::all(study, rows);
     let (numbers, mut words): (Vec<&Listed>, Vec<&Listed>) =
@@ -131,7 +132,7 @@ pub fn distributions(study: &Study, rows: &[CampaignRow]) -> Figure {
         let colors = split(Group { label, ..group }, by_color.as_slice());
         for (c, color) in colors.into_iter().enumerate() {
             for (d, line) in split(color, by_dash).into_iter().enumerate() {
-                // Without a second number, pattern and colour change together, for grayscale.
+                // Without a second number, the pattern changes with the colour, so that lines differ in grayscale.
                 let stroke = series_by(c, if by_dash.is_empty() { c } else { d }).stroke;
                 for (panel, (_, error)) in panels.iter_mut().zip(errors) {
                     let errors = line.rows.iter().map(|row| error(row));
@@ -143,7 +144,7 @@ pub fn distributions(study: &Study, rows: &[CampaignRow]) -> Figure {
     })
 }
 
-/// Whole decades around the errors, so that the axis has labels.
+/// Limits of a logarithmic axis: the powers of ten that enclose the errors, because only powers of ten have labels.
 fn decades(errors: impl Iterator<Item = f64>) -> [f64; 2] {
     let finite = errors.filter(|e| e.is_finite()).map(libm::log10);
     let [low, high] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], e| {
@@ -161,8 +162,8 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     std::iter::once([MIN_ERROR, 0.0]).chain(steps).collect()
 }
 
-/// Map of random starts, marked by end, or of final positions if all runs have one start; one map per combination of
-/// `splitting` lists.
+/// Maps of the random starts, or of the final positions if all runs have one start. Marks show the end of the run.
+/// There is one map for each combination of the quantities that `splitting` selects.
 pub fn map(study: &Study, rows: &[CampaignRow]) -> Figure {
     let lists = Listed::all(study, rows);
     let maps = split(all(rows), &splitting(&lists));
@@ -175,12 +176,12 @@ pub fn map(study: &Study, rows: &[CampaignRow]) -> Figure {
     }
 }
 
-/// Verdict on a run, with the limits 3 cm and 3°.
+/// End of a run, and whether its error is within 3 cm and 3°.
 fn end(row: &CampaignRow) -> Verdict {
     Verdict::of(row.end, row.within)
 }
 
-/// Each start with the largest error and the worst end over all combinations in the group.
+/// Map of each group: every start with the largest error and the worst end of its runs in the group.
 fn map_of_starts(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     let starts = maps.iter().map(|group| {
         let mut starts: Vec<Option<StartMark>> = vec![None; study.trials as usize];
@@ -226,7 +227,8 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
 }
 
 /// Position error over each numeric quantity: median and 5th to 95th percentile at each listed number, or every run
-/// over a drawn number; one series per combination of `splitting` lists. `None` if no quantity is a number.
+/// over a drawn number. There is one series for each combination of the quantities that `splitting` selects. `None`
+/// if no quantity is a number.
 pub fn sensitivity(study: &Study, rows: &[CampaignRow]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);
@@ -250,9 +252,9 @@ fn e_cm(row: &CampaignRow) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
-/// Rank correlation of each drawn quantity with the final errors, over the last listed number. If no number is listed,
-/// the axis is the index of the combination. One series per combination of the other lists; `None` without a
-/// correlation.
+/// Rank correlation of each drawn quantity with the final errors. The horizontal axis is the last listed number, or
+/// the index of the combination if no number is listed. Each combination of the other listed quantities has a series.
+/// `None` without a correlation.
 pub fn correlations(
     study: &Study,
     rows: &[CampaignRow],
@@ -313,7 +315,7 @@ pub fn correlations(
     Some(figure.rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
 }
 
-/// Limits of the axis for these values; true for a logarithmic axis, never if `even`.
+/// Limits of an axis for the values `all`. True for a logarithmic axis; false if `even`, that is, for a linear axis.
 fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
     // Margin, so that marks at the ends are not cut.

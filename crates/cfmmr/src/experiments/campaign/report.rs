@@ -8,7 +8,7 @@ use host_sim::scenario::own;
 use output::table::{Table, plus_minus};
 use serde::Serialize;
 
-/// Results of one combination.
+/// Results of one combination of listed values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cell {
     /// The listed quantities and their values.
@@ -25,7 +25,7 @@ pub struct Cell {
     pub heading_rad: Summary,
     /// Share of the trials that end within 3 cm and 3° of the goal.
     pub within_3cm_3deg: f64,
-    /// Wilson's 95 % interval of the share.
+    /// Wilson's 95 % interval of the share within 3 cm and 3°.
     pub within_interval: [f64; 2],
     /// Numbers of trials by end.
     pub ends: Ends,
@@ -35,12 +35,12 @@ pub struct Cell {
     pub duration_s: Summary,
 }
 
-/// Rank correlation of a drawn quantity with the final errors in one combination.
+/// Rank correlation of a drawn quantity with the final errors, in one combination of listed values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Influence {
-    /// Drawn key.
+    /// Scenario key of the drawn quantity.
     pub key: String,
-    /// Index of the combination, as in `runs.csv`.
+    /// Index of the combination of listed values, as in `runs.csv`.
     pub cell: u64,
     /// The listed quantities and their values.
     pub values: Vec<(String, String)>,
@@ -50,7 +50,7 @@ pub struct Influence {
     pub rank_correlation_e: Option<f64>,
     /// Spearman's rank correlation with the magnitude of the heading error.
     pub rank_correlation_heading: Option<f64>,
-    /// 5 % significance bound of the magnitude; `None` without a correlation.
+    /// 5 % significance bound of the correlations' magnitudes; `None` without a correlation.
     pub significance: Option<f64>,
     /// Reason for a missing correlation.
     pub note: Option<String>,
@@ -70,9 +70,9 @@ pub struct CampaignReport {
     pub own: Vec<String>,
     /// Number of runs.
     pub runs: usize,
-    /// The combinations, in the order of the file.
+    /// Results of each combination of listed values, in the order of the study.
     pub cells: Vec<Cell>,
-    /// The drawn quantities, each in every combination.
+    /// Rank correlations of each drawn quantity, one for each combination.
     pub influences: Vec<Influence>,
 }
 
@@ -131,7 +131,7 @@ pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
-/// Last two parts of a key.
+/// Last two names of a key: `robot.lead.limits.bend_rad` gives `limits.bend_rad`.
 pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')
@@ -247,7 +247,7 @@ impl CampaignReport {
     }
 }
 
-/// Values of a combination.
+/// Listed values of a combination as text, for a table cell.
 fn label(values: &[(String, String)]) -> String {
     let values: Vec<&str> = values.iter().map(|(_, value)| value.as_str()).collect();
     match values.is_empty() {
@@ -256,8 +256,8 @@ fn label(values: &[(String, String)]) -> String {
     }
 }
 
-/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle` holds key and reason if the key
-/// has no effect there.
+/// Correlations of the drawn quantity at `index` in the runs of one combination. `idle` is the reason if the quantity
+/// has no effect in this combination.
 fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
     let drawn = numbers(index, rows);
     let with = |error: fn(&CampaignRow) -> f64| match idle {

@@ -17,10 +17,11 @@ use serde::{Deserialize, Serialize};
 pub struct CampaignRow {
     /// Number of the run in the study.
     pub run: u64,
-    /// Index of the combination. Combination, trial and values are not stored: the study and the number determine them.
+    /// Index of the combination of listed values. Not stored in the file, like `trial` and `values`, because the study
+    /// and `run` determine all three.
     #[serde(skip)]
     pub cell: u64,
-    /// Index of the trial.
+    /// Index of the trial within the combination.
     #[serde(skip)]
     pub trial: u32,
     /// Value of each varied quantity, in the order of the study.
@@ -40,7 +41,7 @@ pub struct CampaignRow {
     pub label: String,
     /// Notices of the run, separated by semicolons.
     pub notices: String,
-    /// Code of the condition that ended the run, or under which the goal is reached; 0 if there is none.
+    /// Code of the condition that ended the run, or that qualifies a reached goal; 0 without a condition.
     pub code: u8,
     /// True posture at the end: m, m, rad.
     pub at: [f64; 3],
@@ -122,7 +123,7 @@ impl CampaignRow {
 }
 
 impl Vary {
-    /// Table cell of a value: a number if every value of the quantity is a number.
+    /// CSV cell of a value: a number if every value of the quantity is a number, else text.
     pub fn cell(&self, value: &toml::Value) -> Cell {
         match number(value) {
             Some(number) if self.is_numeric() => number.into(),
@@ -144,7 +145,7 @@ pub struct StoredBlock {
     pub made_by: String,
     /// Canonical text of the study.
     pub study: String,
-    /// The runs.
+    /// Results of the block's runs.
     pub rows: Vec<CampaignRow>,
 }
 
@@ -178,7 +179,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A block of rows with these results.
+    /// Block of runs with the given e (m), condition code and index of the end.
     fn stored(results: &[(f64, u8, usize)]) -> StoredBlock {
         let row = finished(&study(), 0).remove(0);
         let rows = results.iter().map(|&(e_m, code, end)| CampaignRow {

@@ -1,22 +1,22 @@
-//! Part of a campaign that a process computes.
+//! Shard: part of a campaign that one process computes.
 
 use host_sim::base::error::Error;
 use std::ffi::OsString;
 
-/// Part `index` of `count`.
+/// Shard `index` of `count` shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Number of the part, from 0.
+    /// Number of the shard, from 0.
     pub index: u64,
-    /// Number of parts.
+    /// Number of shards of the campaign.
     pub count: u64,
 }
 
-/// Largest number of parts.
+/// Maximum number of shards.
 const MAX_SHARDS: u64 = 1_000_000;
 
 impl Shard {
-    /// The only part.
+    /// The only shard of a campaign that is not divided.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
     fn new(name: &str, index: u64, count: u64) -> Result<Self, Error> {
@@ -42,8 +42,8 @@ impl Shard {
         }
     }
 
-    /// Part given by the scheduler: by the task of a Slurm array, or by the index of a Kubernetes job together with
-    /// `CFMMR_SHARDS`; the whole if no variable is set. An incomplete or contradictory environment is refused.
+    /// Shard given by the scheduler: by the task of a Slurm array, or by the index of a Kubernetes job together with
+    /// `CFMMR_SHARDS`; [`Self::WHOLE`] if no variable is set. An incomplete or contradictory environment is refused.
     /// `variable` reads the environment.
     pub fn from_environment(variable: impl Fn(&str) -> Option<OsString>) -> Result<Self, Error> {
         let read = |name: &str| {
@@ -60,13 +60,13 @@ impl Shard {
         }
     }
 
-    /// True if this part computes the block.
+    /// True if this shard computes the block.
     pub fn has(self, block: u64) -> bool {
         block % self.count == self.index
     }
 }
 
-/// Reader of a variable.
+/// Reads an environment variable as a number; `None` if it is not set.
 type Read<'a> = &'a dyn Fn(&str) -> Result<Option<u64>, Error>;
 
 /// Remedy in errors of the environment.
@@ -82,7 +82,8 @@ fn number(name: &str, text: &str) -> Result<u64, Error> {
     })
 }
 
-/// Values of `names`; `None` if no variable, `optional` included, is set. Fails if only some of `names` are set.
+/// Values of the environment variables `names`. `None` if neither `names` nor `optional` are set. Fails if a variable
+/// is set, but not all of `names`.
 fn together<const N: usize>(
     read: Read<'_>,
     names: [&str; N],
@@ -117,7 +118,7 @@ fn within(name: &str, value: u64, low: u64, high: u64, range: &str) -> Result<()
     }
 }
 
-/// Part of a task of a Slurm array.
+/// Shard of a task of a Slurm array; `None` outside Slurm arrays.
 fn slurm(read: Read<'_>) -> Result<Option<Shard>, Error> {
     const MAX: &str = "SLURM_ARRAY_TASK_MAX";
     let names = [
@@ -176,7 +177,7 @@ fn slurm(read: Read<'_>) -> Result<Option<Shard>, Error> {
     Shard::new(names[0], (task - min) / step, count).map(Some)
 }
 
-/// Part of a pod of an indexed Kubernetes job.
+/// Shard of a pod of an indexed Kubernetes job; `None` outside such jobs.
 fn kubernetes(read: Read<'_>) -> Result<Option<Shard>, Error> {
     let names = ["JOB_COMPLETION_INDEX", "CFMMR_SHARDS"];
     let Some([index, count]) = together(read, names, names[1])? else {
@@ -204,8 +205,8 @@ fn kubernetes(read: Read<'_>) -> Result<Option<Shard>, Error> {
 mod tests {
     use super::*;
 
-    /// Part from an environment such as `id=7 count=5`: Slurm's variables by the ends of their names, `index` and
-    /// `shards` for Kubernetes; `_` is a space.
+    /// Shard from an environment such as `id=7 count=5`. `id` is `SLURM_ARRAY_TASK_ID`, likewise other variables of
+    /// Slurm; `index` and `shards` are the variables for Kubernetes; `_` in a value is a space.
     fn shard(text: &str) -> Result<Shard, Error> {
         Shard::from_environment(|asked| {
             let pairs = text
@@ -266,7 +267,7 @@ mod tests {
     fn incomplete_or_contradictory_environment_is_refused_by_name_and_value() {
         let full = "id=1 count=4 min=0 step=1 max=3";
         for (change, to, named) in [
-            // Each variable missing, empty and malformed.
+            // One variable of Slurm is missing, empty or malformed.
             (
                 "id=1",
                 "",
@@ -337,7 +338,7 @@ mod tests {
                 "max=18446744073709551616",
                 "SLURM_ARRAY_TASK_MAX=18446744073709551616: must be a",
             ),
-            // Numbers that contradict each other.
+            // The numbers of Slurm contradict each other.
             (
                 "step=1",
                 "step=0",
@@ -385,7 +386,7 @@ mod tests {
                 "count=2 min=0 step=3",
                 "SLURM_ARRAY_TASK_ID=1: must be from 0 to 3 in",
             ),
-            // Two schedulers.
+            // The variables of both schedulers are set.
             (
                 "max=3",
                 "max=3 index=2 shards=4",
@@ -402,7 +403,7 @@ mod tests {
                 "max=3 index=1",
                 "CFMMR_SHARDS is missing beside JOB_COMPLETION_INDEX=1",
             ),
-            // Kubernetes alone.
+            // The variables of Kubernetes are incomplete or wrong.
             (
                 full,
                 "shards=3",

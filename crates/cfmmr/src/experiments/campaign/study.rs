@@ -42,7 +42,7 @@ pub struct Study {
     /// Names of the user's parts in every run, set by the program that has these parts.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub own: Vec<String>,
-    /// Start postures.
+    /// Source of the start postures.
     #[serde(default)]
     pub starts: Starts,
     /// Varied keys.
@@ -61,7 +61,7 @@ const fn fifty() -> u32 {
     50
 }
 
-/// Start postures.
+/// Source of the start postures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Starts {
@@ -97,7 +97,7 @@ pub struct Vary {
 pub enum Kind<'a> {
     /// Grid values.
     Values(&'a [toml::Value]),
-    /// Drawn in each trial.
+    /// Random value, drawn in each trial.
     Drawn(Draw),
 }
 
@@ -161,8 +161,8 @@ impl Vary {
     }
 }
 
-/// Number of a value; of a list, for example one entry per wheel, the common number of all entries. `None` if there is
-/// no such number.
+/// Number that a value states. For a list of equal numbers, for example one per wheel, it is this number; `None` for
+/// any other value.
 pub fn number(value: &toml::Value) -> Option<f64> {
     match value {
         toml::Value::Float(value) => Some(*value),
@@ -180,13 +180,13 @@ pub fn number(value: &toml::Value) -> Option<f64> {
 /// One run of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudyRun {
-    /// Index of the combination.
+    /// Index of the combination of listed values.
     pub cell: u64,
     /// Index of the trial.
     pub trial: u32,
     /// Value of each varied quantity, in the order of the file.
     pub values: Vec<toml::Value>,
-    /// Mission, robot and world.
+    /// Mission, robot and world, with the values of this run.
     pub scenario: Scenario,
 }
 
@@ -261,7 +261,7 @@ impl Study {
         self.check_cells(cells)
     }
 
-    /// Checks that every combination is a valid scenario, and that each varied key has an effect in a combination.
+    /// Checks that every combination is a valid scenario, and that each varied key has an effect in at least one.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
@@ -310,7 +310,7 @@ impl Study {
             self.scenario(0, &values).map_err(|error| {
                 let error = error.to_string();
                 let keys = corner.iter().map(|(i, value)| (&self.vary[*i].key, value));
-                // An error about one key contains its value.
+                // If the error is about a drawn key, it already states key and value.
                 if keys
                     .clone()
                     .any(|(key, _)| error.starts_with(&format!("{key} = ")))
@@ -353,7 +353,7 @@ impl Study {
         self.runs().div_ceil(self.block.into())
     }
 
-    /// The runs of a block.
+    /// Numbers of the runs of a block.
     pub fn block_runs(&self, block: u64) -> std::ops::Range<u64> {
         let size = u64::from(self.block);
         let start = (block * size).min(self.runs());
@@ -365,7 +365,7 @@ impl Study {
         toml::to_string(self).map_err(|error| Error::Failure(error.to_string()))
     }
 
-    /// Combination and trial of run `index`.
+    /// Indices of combination and trial of run `index`.
     pub fn cell_and_trial(&self, index: u64) -> (u64, u32) {
         let trials = u64::from(self.trials);
         (index / trials, (index % trials) as u32)
@@ -431,7 +431,7 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
 }
 
 impl Draw {
-    /// Smallest and largest value.
+    /// Smallest and largest value of the distribution.
     fn bounds(self) -> [f64; 2] {
         match self {
             Self::Uniform(range) | Self::LogUniform(range) => range,
@@ -449,7 +449,7 @@ impl Draw {
             Self::Normal([mean, sigma]) => mean + bounded(random, sigma),
         };
         let [low, high] = self.bounds();
-        // Rounding could leave the bounds.
+        // Rounding could take the value beyond the bounds.
         value.clamp(low, high)
     }
 }

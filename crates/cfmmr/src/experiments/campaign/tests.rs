@@ -132,7 +132,7 @@ fn blocks_are_stored_and_spoiled_files_detected() {
     let error = directory.write(1, bad).unwrap_err().to_string();
     assert!(error.contains("block-000001.jsonl"), "{error}");
     assert_eq!(directory.block(1).unwrap(), Block::Missing);
-    // A file under another number and a truncated file are damaged.
+    // A file with the content of another block, and a truncated file, count as damaged.
     let path = folder.path().join("block-000002.jsonl");
     std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
     assert!(matches!(directory.block(3).unwrap(), Block::Damaged(_)));
@@ -164,7 +164,7 @@ fn report_of_some_runs_counts_them() {
     let seventh = csv.lines().nth(7).unwrap();
     assert!(seventh.starts_with("6,1,2,0.003,false,0.00"), "{seventh}");
     assert_eq!((csv.lines().count(), seventh.split(',').count()), (17, 25));
-    // Runs 4 to 7 end 4 to 7 mm away.
+    // The second combination has runs 4 to 7, which end 4 to 7 mm from the goal.
     let second = &report.cells[1];
     assert!((second.e_m.mean - 0.0055).abs() < 1e-12);
     assert_eq!(second.within_3cm_3deg, 1.0);
@@ -173,7 +173,7 @@ fn report_of_some_runs_counts_them() {
         ("mission.rps".to_owned(), "false".to_owned())
     );
     assert_eq!(report.influences.len(), 4);
-    // With some runs missing, each combination counts its own.
+    // If runs 0 and 1 are missing, the first combination has 2 of 4 trials.
     let part = CampaignReport::of(&study, &all[2..]);
     let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
     assert_eq!(trials, [2, 4, 4, 4]);
@@ -262,7 +262,7 @@ fn intervals_and_correlations_match_textbook_values() {
 }
 
 /// Report of 5 trials. With the sensor e rises with the drawn value, and |heading| has the ranks 1 2 4 3 5 (Σd² = 2,
-/// ρ = 1 − 12/120); without it e has the ranks 2 5 3 1 4 (Σd² = 20, ρ = 0), and |heading| is constant.
+/// ρ = 1 − 12/120). Without the sensor e has the ranks 2 5 3 1 4 (Σd² = 20, ρ = 0), and |heading| is constant.
 fn one_armed(text: &str) -> CampaignReport {
     let study = Study::parse(&text.replace("trials = 4", "trials = 5"), "test").unwrap();
     let mut rows = all_runs(&study);
@@ -286,7 +286,7 @@ fn one_armed(text: &str) -> CampaignReport {
 fn drawn_quantity_with_effect_in_one_arm_correlates_there_only() {
     let mut blocks: Vec<&str> = TEXT.split("\n\n").collect();
     let report = one_armed(TEXT);
-    // The drawn quantity first, then the lists in the other order with their values reversed.
+    // In the other study the drawn quantity is first, and the lists and their values are in reverse order.
     blocks[1..4].reverse();
     let text = blocks
         .join("\n\n")
@@ -346,7 +346,7 @@ fn tables_of_the_report_fit_80_columns_with_whole_figures() {
         text.lines().all(|line| line.chars().count() <= 80),
         "{text}"
     );
-    // Errors from 0.1 to 0.5 m, and from 1 to 5 m.
+    // e (cm) of 0.1 to 0.5 m and of 1 to 5 m as mean ± standard deviation, and the rank correlation.
     for figure in ["30.00 ± 15.81", "300.00 ± 158.11", "+0.90"] {
         assert_eq!(text.matches(figure).count(), 2, "{text}");
     }
@@ -395,7 +395,7 @@ fn numbers_in_report_of_80_columns_are_not_wrapped() {
         for figure in ["1234.50 ± 0.00", "1234.50  ", "100 % (51 to 100)"] {
             assert!(text.matches(figure).count() >= 4, "{figure}: {text}");
         }
-        // A number divided by a line break would leave a word that begins or ends with its decimal point.
+        // If a line break divided a number, a word would begin or end with the decimal point.
         let words = text.split_whitespace();
         let ends = words.filter(|word| word.starts_with('.') || word.ends_with('.'));
         let number = |word: &&str| word.contains(|c: char| c.is_ascii_digit());

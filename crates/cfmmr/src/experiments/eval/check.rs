@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 
 /// Lower limit of the pivots of a covariance scaled to unit variances.
 const MIN_PIVOT: f64 = 1e-12;
-/// Largest difference of two mirrored entries, in units of the standard deviations.
+/// Limit of the difference of two mirrored covariance entries, divided by the product of the standard deviations.
 const ASYMMETRY: f64 = 1e-6;
-/// Largest heading, rad: f64 resolves 0.1 µrad there.
+/// Limit of the magnitude of a heading, rad. At this limit f64 resolves 0.1 µrad.
 const MAX_HEADING_RAD: f64 = 1e9;
 
 /// `value` as `f32`; fails if it is not finite in `f32`.
@@ -24,7 +24,7 @@ pub fn number(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// [`number`] greater than zero.
+/// As [`number`]; fails also for a value of at most zero.
 pub fn positive(field: &str, value: f64) -> Result<f32, String> {
     let narrow = number(field, value)?;
     if narrow > 0.0 {
@@ -34,7 +34,7 @@ pub fn positive(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// [`number`] of at least zero.
+/// As [`number`]; fails also for a negative value.
 pub fn non_negative(field: &str, value: f64) -> Result<f32, String> {
     let narrow = number(field, value)?;
     if narrow >= 0.0 {
@@ -44,7 +44,7 @@ pub fn non_negative(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// Each component by [`number`].
+/// Vector in `f32`; fails if a component is not finite in `f32`.
 pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N], String> {
     let mut out = [0.0; N];
     for i in 0..N {
@@ -76,7 +76,7 @@ pub fn narrow_posture(field: &str, values: &[f64; 3]) -> Result<Posture, String>
     Ok(posture(field, values)?.map(|value| value as f32).into())
 }
 
-/// Requirement on a matrix.
+/// Requirement on a covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Definite {
     /// Symmetric, positive definite.
@@ -131,7 +131,7 @@ pub fn covariance<const N: usize>(
             m[j][i] = mean;
         }
     }
-    // L D Lᵀ of the matrix scaled to unit variances.
+    // Factors the matrix, scaled to unit variances, as L D Lᵀ.
     let mut scaled = [[0.0; N]; N];
     for i in 0..N {
         for j in 0..N {
@@ -214,7 +214,7 @@ mod tests {
         assert!(number("dt", 1e39).unwrap_err().starts_with("dt = 1e39"));
         assert!(number("dt", f64::NAN).is_err());
         assert!(positive("dt", 0.0).is_err());
-        // Underflows to zero.
+        // 1e-60 becomes zero in f32.
         assert!(positive("dt", 1e-60).is_err());
         assert!(non_negative("s", -1.0).is_err());
     }

@@ -91,7 +91,7 @@ mod tests {
             "b":[0.1,0.2,-3.0],"B":[[0.01,0,0],[0,0.04,0],[0,0,0.01]],"criterion":"det"}"#;
         let result = Ci.line(line).unwrap();
         assert!((result["omega"].as_f64().unwrap() - 0.5).abs() < 1e-6);
-        // 2/(25 + 100) in both directions; weights 0.2 and 0.8.
+        // The variance is 1/(0.5·25 + 0.5·100) along x and y. Posture a has weight 0.2 along x and 0.8 along y.
         assert!((result["P"][0][0].as_f64().unwrap() - 0.016).abs() < 1e-7);
         assert!((result["P"][1][1].as_f64().unwrap() - 0.016).abs() < 1e-7);
         assert!((result["x"][0].as_f64().unwrap() - 0.08).abs() < 1e-7);

@@ -119,14 +119,14 @@ mod tests {
             .line(r#"{"d":[0.012,0.01,0.01,0.01],"r":[-0.4,0,0]}"#)
             .unwrap();
         let (front, rear) = (vector(&result["axle1"]), vector(&result["axle2"]));
-        // Position along φ + dθ/2, dθ = −0.002/0.3.
+        // The front axle advances 0.011 m in direction dθ/2, with dθ = −0.002/0.3.
         let turn = 0.5 * 0.002 / 0.3;
         let beta = (-0.011 * f64::sin(turn)) / (0.4 + 0.011 * f64::cos(turn) - 0.01);
         assert!((front[2] - beta).abs() < 1e-6 && (rear[2] - beta).abs() < 1e-6);
         let distance = (front[0] - rear[0]).hypot(front[1] - rear[1]);
         assert!((distance - 0.4).abs() < 1e-7);
         assert!((front[0] + rear[0] - 0.4 - 0.021).abs() < 1e-6);
-        // Straight: only ds2² σ_rφ² and (ds1 − ds2)² σ_α² are not zero.
+        // On a straight line only the terms ds2² σ_rφ² and (ds1 − ds2)² σ_α² of the variance are not zero.
         let alpha = 1e-4 / 0.4;
         let variance = ((0.01f64 * 1e-3).powi(2) + (0.001f64 * alpha).powi(2)) / 0.16;
         let reported = result["var_beta"].as_f64().unwrap();

@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::io::{self, BufRead, ErrorKind, Read, Write};
 
-/// Longest line, bytes.
+/// Maximum length of an input line, bytes.
 const LONGEST_LINE: u64 = 8 << 20;
 
 /// Algorithm that evaluates one line at a time.
@@ -33,7 +33,7 @@ pub enum KernelState<T> {
     Unconfigured,
     /// The first line was refused; every later line is refused too.
     Refused,
-    /// Configured.
+    /// The first line was accepted.
     Running(T),
 }
 

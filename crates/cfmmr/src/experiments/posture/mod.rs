@@ -4,16 +4,15 @@ pub mod pictures;
 mod publish;
 mod report;
 pub mod trials;
-mod variant;
 
 use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Seeds};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
+pub use host_sim::scenario::variant::{ROWS, Variant};
 pub use publish::{publish, summaries};
 pub use report::{CHI_SQUARE_99, PostureReport, PostureRow, summarize, table, trials_csv};
 pub use trials::Trial;
-pub use variant::{ROWS, Variant};
 
 /// Runs trials of each variant, records the first trial if requested, and publishes the result. A live run has one
 /// trial of one variant.

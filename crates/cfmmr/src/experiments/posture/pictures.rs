@@ -78,7 +78,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Errors of the trial over time.
+    /// Errors of the shown trial over time.
     pub fn errors(&self) -> ErrorsColumn {
         let records = &self.trials[self.shown].records;
         ErrorsColumn {
@@ -89,7 +89,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// The trial for the animated picture.
+    /// The shown trial for the animated picture.
     pub fn animation(&self) -> animation::Run<'a> {
         let Trial {
             outcome, records, ..
@@ -108,7 +108,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// The trial for the report page.
+    /// The shown trial for the report page.
     pub fn page(&self, row: &PostureRow) -> page::Run<'a> {
         let (goal, trials) = (self.goal(), self.trials);
         let error = |posture: [f64; 3]| {
@@ -184,7 +184,7 @@ pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
     paths
 }
 
-/// The robot at the start, at some instants and at the end.
+/// The robot at five evenly spaced instants, from the start to the end.
 pub fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     let Some(last) = records.len().checked_sub(1) else {
         return Vec::new();

@@ -11,7 +11,7 @@ use recording::csv;
 use std::path::PathBuf;
 use view::{animation, figures, page};
 
-/// Writes and prints the result of trials, one block per variant.
+/// Writes and prints the result of trials; `blocks` has the trials of each variant.
 pub fn trials(
     context: &Context,
     variants: &[Variant],
@@ -24,7 +24,7 @@ pub fn trials(
     context.finish(&text, &report, files, recorded, failed)
 }
 
-/// Result and files of trials, one block per variant. The variants in `shown` have pictures and logs.
+/// Result and files of trials; `blocks` has the trials of each variant. Variants in `shown` have pictures and logs.
 pub fn publish(
     context: &Context,
     variants: &[Variant],

@@ -1,7 +1,7 @@
 //! Result of trials: rows, their table and their CSV file.
 
 use super::Trial;
-use super::variant::Variant;
+use super::Variant;
 use core_algos::fusion::robot::Mode;
 use host_sim::base::statistics;
 use host_sim::base::statistics::Summary;
@@ -69,7 +69,7 @@ pub struct PostureRow {
 pub struct PostureReport {
     /// Trials in each row.
     pub trials: u32,
-    /// The rows.
+    /// Results by configuration.
     pub rows: Vec<PostureRow>,
 }
 
@@ -120,7 +120,7 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Posture
     }
 }
 
-/// Goal error of the default fusion against that of the first row, in one line; empty for a single row.
+/// Line with the goal errors of the joint filter (else of the last row) and of the first row; empty for a single row.
 pub fn verdict(rows: &[PostureRow], variants: &[Variant]) -> String {
     let mut pairs = rows.iter().zip(variants);
     let named = |(row, variant): (&PostureRow, &Variant)| {
@@ -197,7 +197,7 @@ impl PostureRow {
     }
 }
 
-/// End of each trial.
+/// Table `trials.csv`: end and errors of each trial.
 pub fn trials_csv<'a>(
     blocks: impl IntoIterator<Item = (&'a Variant, &'a Vec<Trial>)>,
     goal: [f64; 3],
@@ -206,22 +206,9 @@ pub fn trials_csv<'a>(
         let numbered = block.iter().enumerate();
         numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    csv::CsvRow::table(trials.map(|(variant, trial, outcome)| {
-        let error = FinalError::of(outcome.midpoint, goal);
-        let [dx, dy, _] = outcome.relative_error;
-        let mut row = csv::CsvRow::default();
-        row.put("rps imu", &[variant.rps, variant.imu]);
-        row.put("fusion", &[variant.fusion()]);
-        row.put("trial", &[trial]);
-        row.end(&outcome.end);
-        row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
-        row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
-        row.put("within_tolerance", &[outcome.within]);
-        row.put("force_rms_n", &[outcome.force_rms_n]);
-        row.put("beam_share", &[outcome.beam_share]);
-        row.put("nees drift_m", &[outcome.nees, libm::hypot(dx, dy)]);
-        row
-    }))
+    csv::CsvRow::table(
+        trials.map(|(variant, trial, outcome)| csv::of_trial(variant, trial, outcome, goal)),
+    )
 }
 
 #[cfg(test)]
@@ -232,7 +219,7 @@ mod tests {
 
     #[test]
     fn final_errors_agree_with_the_polar_error_of_the_controller() {
-        // The on-board polar error in f32 is another implementation of the same definitions.
+        // `PolarError`, in f32 on board, implements the definitions of `FinalError` a second time.
         for (posture, goal) in [
             ([-1.3, -1.3, 0.2], [0.0, 0.0, 0.0]),
             ([0.5, 0.1, 3.0], [1.0, -1.0, -2.5]),

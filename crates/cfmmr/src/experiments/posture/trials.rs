@@ -37,8 +37,8 @@ impl Trial {
     }
 }
 
-/// Runs the trials of each scenario; an interrupted command has fewer. Rows with `is_shown` keep paths of their trials
-/// and every epoch of the median trial.
+/// Runs the trials of each scenario; an interrupt leaves out trials. Rows with `is_shown` keep paths of their trials
+/// and every epoch of the first and of the median trial.
 pub fn run(
     workers: &Workers,
     rows: &[Scenario],
@@ -56,7 +56,7 @@ pub fn run(
         Ok(kept)
     })?;
     for (row, (scenario, block)) in rows.iter().zip(&mut blocks).enumerate() {
-        // The median trial is known only after all trials, so that trial is repeated to record every epoch.
+        // The median trial is known only after all trials, so it is repeated to record every epoch.
         if is_shown(row) && !block.is_empty() {
             let median = pictures::median_trial(block, scenario.mission.goal);
             if block[median].records.is_empty() {
@@ -68,7 +68,8 @@ pub fn run(
     Ok(blocks)
 }
 
-/// First trial of the last pictured variant, recorded and shown as requested, with the recorded files.
+/// Runs the first trial of the last pictured variant, recorded and shown as `outputs` requests. Returns the trial and
+/// the recorded files.
 pub fn first(
     context: &Context,
     outputs: &Outputs,

@@ -32,7 +32,7 @@ pub struct BoardUse {
     pub flash: Option<PathBuf>,
 }
 
-/// Result of the boards after the run.
+/// Values of the boards in the result of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
@@ -66,7 +66,7 @@ pub fn run(
     run.publish(driven, boards)
 }
 
-/// Connects to the boards of a place; boards without a link run in this program. With `stored`, the boards' own
+/// Connects to virtual or real boards; boards without a link run in this program. With `stored`, the boards' own
 /// parameters are written into the scenario.
 pub fn connect(
     (place, baud): (&BoardPlace, u32),
@@ -176,7 +176,7 @@ fn values(
     }
 }
 
-/// Summary of the boards.
+/// Summary of the boards after a run, as text.
 fn summary(values: &InTheLoopValues) -> String {
     let mut table = Table::new([
         "board",

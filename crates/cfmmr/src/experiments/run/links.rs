@@ -1,4 +1,4 @@
-//! Links to the boards of a place.
+//! Links to virtual boards, and to real boards at serial ports.
 
 use super::place::BoardPlace;
 use core_algos::topology::{Role, Topology};
@@ -26,7 +26,7 @@ pub fn open_port(board: &str, port: &Path, baud: u32) -> Result<Box<dyn Link>, E
     Ok(Box::new(port))
 }
 
-/// Opens links to the boards of a place.
+/// Opens links to virtual boards, or to real boards at serial ports.
 pub struct Links<'a> {
     /// Axles of the robot.
     pub robot: Topology,
@@ -76,7 +76,7 @@ impl<'a> Links<'a> {
         }
     }
 
-    /// Link to a board; `None` if the board runs in this process.
+    /// Direct link to a board; `None` if the board has no port and is not virtual.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
         let name = self.robot.name(role);
         Ok(match (&self.images, self.place.port(role)) {

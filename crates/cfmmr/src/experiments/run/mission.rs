@@ -21,7 +21,7 @@ use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
 
-/// Mission of a robot: what a run drives.
+/// Mission of a robot in a run: a goal, a path or a script.
 pub enum Mission {
     /// Regulation to the goal of the scenario.
     Posture(Variant),

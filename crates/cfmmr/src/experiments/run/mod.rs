@@ -1,12 +1,12 @@
 //! Run of a robot: a mission, the boards that drive it, and the published result.
 //!
-//! [`Run`] is a mission with its time limits and recording. [`Run::at`] drives it at a [`BoardPlace`],
-//! [`in_the_loop::run`] with each board behind its own link. Table, files and JSON are equal everywhere;
-//! reports of the boards are added.
+//! [`Run`] is a mission with its time limits and recording. [`Run::at`] drives the mission on the boards that a
+//! [`BoardPlace`] selects, [`in_the_loop::run`] with each board behind its own link. Table, files and JSON have one
+//! form for all boards; reports of virtual or linked boards are added.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`place`], [`links`] | places of the boards, and links to them |
+//! | [`place`], [`links`] | selection of the boards (in-process, virtual, real), and links to boards |
 //! | [`mission`], [`plan`] | the mission; time limits of the run, and failures of boards |
 //! | [`stage`] | recording and display |
 //! | [`in_the_loop`] | boards behind links, with sensors simulated by this program |
@@ -53,7 +53,7 @@ pub struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Drives the mission at a place and publishes the result.
+    /// Drives the mission on the boards that `site` selects, and publishes the result.
     pub fn at(&self, site: &Site) -> Result<(), Error> {
         check(
             &self.context.scenario,
@@ -134,17 +134,17 @@ pub fn check(
 /// Reports of the boards of a simulated robot after a run.
 #[derive(Debug, Default)]
 struct Boards {
-    /// Values for the result.
+    /// Values of the boards in the JSON result.
     values: BoardValues,
-    /// Table and sentences.
+    /// Report on the boards, as text.
     text: String,
-    /// Files by name.
+    /// Name and content of each file about the boards.
     files: Vec<(String, String)>,
     /// Problem that fails the run.
     problem: Option<String>,
 }
 
-/// Values of the boards for the result.
+/// Values of the boards in the JSON result.
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {

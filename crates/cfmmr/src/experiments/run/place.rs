@@ -1,4 +1,4 @@
-//! Places of the boards.
+//! Selection of the boards: in-process, virtual or real.
 
 use core_algos::topology::{Role, Topology};
 use remote::virtual_robot::Options;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Robot whose boards the options of the command line name.
 pub const ROBOT: Topology = Topology::PAIR;
 
-/// Place of the boards.
+/// Kind of the boards, and the ports of real boards.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum BoardPlace {
     /// The boards' nodes run in this program.
@@ -15,8 +15,8 @@ pub enum BoardPlace {
     InProcess,
     /// The boards' images run on virtual boards.
     Virtual,
-    /// Serial ports by board. A board without a port runs in this program (in the loop), or is reached over the bus
-    /// (real robot).
+    /// Real boards at these serial ports. A board without a port runs in this program (in the loop), or is reached over
+    /// the bus (real robot).
     Serial(Vec<(Role, PathBuf)>),
 }
 
@@ -69,10 +69,10 @@ pub fn board_named(name: &str) -> Option<Role> {
     ROBOT.boards().find(|&role| ROBOT.name(role) == name)
 }
 
-/// Place and settings of the boards.
+/// Kind and settings of the boards.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// Place of the boards.
+    /// Kind of the boards, and the ports of real boards.
     pub place: BoardPlace,
     /// Baud rate of the serial ports.
     pub baud: u32,

@@ -9,7 +9,7 @@ use host_sim::targets::Failure;
 /// Time limits of a run, and failures of boards during the run.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
-    /// Shortest and longest time.
+    /// Shortest and longest duration of the run.
     pub span: Span,
     /// True if the run keeps real time: no tick begins early.
     pub real_time: bool,

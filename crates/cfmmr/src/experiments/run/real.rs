@@ -44,7 +44,7 @@ struct RealRobotValues {
     lost: u16,
     /// Number of times the port was reopened.
     reconnected: u32,
-    /// Heartbeats: every change of state.
+    /// Heartbeats at each change of a node's state.
     nodes: Vec<Status>,
     /// Steps of a script.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -133,7 +133,7 @@ fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(
     context.finish(&table(&values), &values, files, &driven.recorded, failed)
 }
 
-/// Publishes the end of a run without any answer of the robot.
+/// Publishes the end of a run in which the robot never answered.
 fn no_answer(context: &Context, why: String) -> Result<(), Error> {
     #[derive(Serialize)]
     struct NoAnswerValues<'a> {

@@ -153,7 +153,7 @@ impl<'a> Stage<'a> {
         let stops = self.interrupt.load(Relaxed) || !is_simulated;
         let stopped = if stops { robot.stop() } else { Ok(()) };
         let stop_error = stopped.err().map(|error| error.to_string());
-        // Displays close.
+        // Dropped before the recording ends, so that the displays close.
         let observers = std::mem::take(&mut robot.control_mut().observers);
         for mut observer in observers {
             observer.ended(&end.text());

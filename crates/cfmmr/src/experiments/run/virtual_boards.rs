@@ -24,9 +24,9 @@ use std::time::Instant;
 /// Result of virtual boards after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct VirtualBoardValues {
-    /// Distance of the midpoint from the goal at the end, m.
+    /// Distance of the true midpoint from the goal at the end, m.
     e_m: f64,
-    /// Heading less goal heading at the end, rad.
+    /// True heading less goal heading at the end, rad.
     heading_rad: f64,
     /// Time from power on until all nodes were ready, s.
     boot_s: f64,
@@ -34,10 +34,10 @@ pub(super) struct VirtualBoardValues {
     simulated_s: f64,
     /// Wall-clock time, boot included, s.
     wall_s: f64,
-    /// Frames on the bus.
+    /// Number of frames on the bus.
     frames: u64,
     boards: Vec<BoardReport>,
-    /// Heartbeats: every change of state.
+    /// Heartbeats at each change of a node's state.
     nodes: Vec<Status>,
     /// Boards lost and restarted.
     events: Vec<Event>,
@@ -63,7 +63,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     run.publish(driven, boards)
 }
 
-/// Drives the mission.
+/// Drives the mission with a robot on virtual boards.
 fn drive(
     run: &Run,
     images: &Images,

@@ -1,4 +1,4 @@
-//! Robot under test, with access to its boards, sensors, motors and bus for the acts of a fault.
+//! Robot under test. A fault acts on its boards, sensors, motors and bus through this module.
 
 use super::Campaign;
 use crate::board_log::BoardLog;
@@ -85,7 +85,7 @@ impl FaultBench {
         self.robot.network.run_until(until);
     }
 
-    /// Wheel chosen by the seed; its axle becomes the affected board.
+    /// Wheel selected by the seed. The board of the wheel's axle becomes the affected board.
     pub fn wheel(&mut self) -> (Role, usize) {
         let axles = self.robot.topology.axle_count() as u64;
         let role = Role::axle((self.seed % axles) as u8);
@@ -93,7 +93,7 @@ impl FaultBench {
         (role, (self.seed / axles % 2) as usize)
     }
 
-    /// Board chosen by the seed; it becomes the affected board.
+    /// Board selected by the seed. The board becomes the affected board.
     pub fn any(&mut self) -> Role {
         let boards = &self.robot.roles;
         let role = boards[self.seed as usize % boards.len()];
@@ -101,7 +101,7 @@ impl FaultBench {
         role
     }
 
-    /// Performs `act` on a board, which becomes the affected board unless there is one.
+    /// Performs `act` on a board. The board becomes the affected board if no board is affected yet.
     pub fn board(&mut self, role: Role, act: impl FnOnce(&mut Board)) {
         self.affected.get_or_insert(role);
         if let Some(place) = self.robot.place(role)

@@ -27,18 +27,18 @@ use virtual_board::wire::{Frame, Id};
 type TrialResult = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;
-/// Address range of the store in the flash.
+/// Address range of the stored parameters in the flash.
 const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
-/// Longest time from power-on to a board's first status message, ms.
+/// Limit of the time from power-on to a board's first status message, ms.
 const STARTED_MS: u64 = 1_000;
-/// Longest time of a calibration and its save, ms.
+/// Limit of the time of a calibration and its save, ms.
 const SAVED_MS: u64 = 6_000;
 
 const fn ms(count: u64) -> Time {
     Time::from_micros(1_000 * count)
 }
 
-/// A bench whose boards are off, with a bus node that acknowledges.
+/// Robot under test with its boards off, and with an additional bus node that acknowledges frames.
 fn acknowledging_bench(campaign: &Campaign, seed: u64) -> Result<FaultBench, Error> {
     let mut bench = FaultBench::new(campaign, Options::default(), seed)?;
     bench.intruder(|_, _| {});
@@ -80,7 +80,7 @@ impl FaultBench {
         }
     }
 
-    /// Sends a message from the bus node that is no board.
+    /// Sends a message from the additional bus node.
     fn send(&mut self, at: Time, message: &Message) {
         let Ok(frame) = bus::encode(message) else {
             return;
@@ -90,7 +90,7 @@ impl FaultBench {
         self.intruder(|node, _| node.send(at, frame));
     }
 
-    /// Contents of the store in a board's flash.
+    /// Contents of the parameter store in a board's flash.
     fn read_store(&mut self, role: Role) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
@@ -123,7 +123,7 @@ impl FaultBench {
     }
 }
 
-/// Settings and report that a board derives from its store.
+/// Settings that a board reads from these bytes of its parameter store, and its report on the store.
 fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
@@ -136,7 +136,7 @@ fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     run(store.load()).resolve(&base, check)
 }
 
-/// Rail failures at random instants of a start, after one undisturbed start.
+/// Tests power failures at random instants of a start, after one undisturbed start.
 pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 10 } else { 100 };
     let mut bench = acknowledging_bench(campaign, seed)?;
@@ -169,7 +169,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
     Ok(Ok(cases))
 }
 
-/// A beam board that has been asked to calibrate its zeros and will save them, and the time of the request.
+/// Robot whose beam board was asked to calibrate its zeros and will save them, and the time of the request.
 fn calibrating(
     campaign: &Campaign,
     seed: u64,
@@ -190,8 +190,8 @@ fn calibrating(
     Ok((bench, requested_at))
 }
 
-/// Power cuts during the flash operations of a save; `wanted` gives the instants in each operation as fractions of
-/// its duration.
+/// Tests power cuts during the flash operations of a save. `wanted` gives the instants in each operation as fractions
+/// of the operation's duration.
 fn cuts(
     campaign: &Campaign,
     seed: u64,
@@ -225,7 +225,7 @@ fn cuts(
     })
 }
 
-/// A power cut at `at`: afterwards each value must be the old or the new value.
+/// Tests a power cut at `at`: afterwards each stored value must be the old or the new value.
 fn cut(
     campaign: &Campaign,
     seed: u64,
@@ -268,7 +268,7 @@ fn cut(
     })
 }
 
-/// Power cuts during the written words of a save.
+/// Tests power cuts while a save writes words to the flash.
 pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> TrialResult {
     let every = if campaign.quick { 16 } else { 1 };
     cuts(campaign, seed, None, |k, operation| {
@@ -280,7 +280,7 @@ pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> TrialResult {
     })
 }
 
-/// Power cuts during the erase of a save into a full store.
+/// Tests power cuts while a save into a full store erases a sector.
 pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> TrialResult {
     let full = full_store(campaign, seed)?;
     let shares: &[f64] = match campaign.quick {
@@ -326,8 +326,8 @@ fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     Err(Error::Failure("store: never full".to_owned()))
 }
 
-/// Starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a notice,
-/// and nothing may be written.
+/// Tests starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a
+/// notice, and nothing may be written.
 pub fn flipped_bits(campaign: &Campaign, seed: u64) -> TrialResult {
     let cases = if campaign.quick { 4 } else { 40 };
     let mut random = generator(seed, 0, Stream::Other(0x301));

@@ -1,4 +1,4 @@
-//! Emergency stops on the level and on a slope: braking distance, and the drivers' state until the robot is at rest.
+//! Emergency stops on the level and on a slope: time to rest, speed of creep on the slope, and the drivers' state.
 
 use super::Campaign;
 use super::bench::FaultBench;
@@ -13,16 +13,17 @@ const DRIVE_MS: u64 = 1_600;
 const CHOCK_MS: u64 = 150;
 /// Time of observation after the stop, ms.
 const OBSERVATION_MS: u64 = 3_000;
-/// Least speed before the stop, m/s.
+/// Speed that the robot must have reached before the stop, m/s.
 const DRIVEN_M_S: f64 = 0.1;
-/// Speed of a robot at rest, m/s; from this speed it moves 2 mm further.
+/// Speed below which the robot counts as at rest, m/s; from this speed the robot rolls 2 mm further.
 const REST_M_S: f64 = 1e-2;
-/// Longest time to rest on the level, ms.
+/// Limit of the time from the stop to rest on the level, ms.
 const REST_WITHIN_MS: u64 = 500;
-/// Largest speed of a braked robot on a slope, m/s, and time from the stop from which it applies, ms.
+/// Upper limit of the speed of a braked robot on a slope, m/s.
 const CREEP_M_S: f64 = 0.1;
+/// Time from the stop after which `CREEP_M_S` applies, ms.
 const CREEP_AFTER_MS: u64 = 500;
-/// Smallest speed of a braked robot on a slope, m/s.
+/// Lower limit of the speed of a braked robot on a slope at the end of the observation, m/s.
 const CREEP_AT_LEAST_M_S: f64 = 0.02;
 /// Angle of the slope, °.
 const SLOPE_DEG: f64 = 5.0;
@@ -33,13 +34,13 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     let mut campaign = campaign.clone();
     let world = &mut campaign.scenario.world;
     world.plant.slope_rad = slope_deg.to_radians();
-    // The chocked robot creeps, so the sensors could not find their biases.
+    // Inertial sensors are not fitted: they could not determine their biases while the chocked robot creeps.
     (
         world.sensors.gyro.fitted,
         world.sensors.accelerometer.fitted,
     ) = (false, false);
     let mut bench = FaultBench::new(&campaign, Options::default(), seed)?;
-    // The chocked robot creeps, so the inertial sensors could not determine their biases.
+    // A chock at one wheel keeps the robot from rolling down the slope until it drives.
     bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();

@@ -1,4 +1,4 @@
-//! Entry of the catalogue: fault, run and permitted outcomes.
+//! Fault of the catalogue: its name, its run and the permitted outcomes.
 
 use super::Campaign;
 use super::bench::FaultBench;
@@ -18,7 +18,7 @@ pub const AXLES: Boards = |board| !board.is_beam();
 /// Beam boards.
 pub const BEAM: Boards = Role::is_beam;
 
-/// Entries of the catalogue: name, seam (place of the fault), run with its acts, then permitted outcomes.
+/// List of faults: each has a name, the component or signal at fault, a run with its acts, then permitted outcomes.
 macro_rules! entries {
     ($($name:literal, $seam:literal, $run:ident($acts:expr)$(.$end:ident($($argument:expr),*))*;)*) => {
         vec![$($crate::virtual_robot::faults::entry::Entry::$run($name, $seam, $acts)
@@ -28,7 +28,7 @@ macro_rules! entries {
 
 pub(super) use entries;
 
-/// Action of a fault on the robot.
+/// Act of a fault on the robot, such as a cut wire.
 pub type Act = fn(&mut FaultBench);
 
 /// An act at `after_ms` after the start of the fault.
@@ -76,9 +76,9 @@ pub struct Entry {
     pub goes_on: bool,
     /// Permitted first reasons of a stop; empty if the robot may not stop.
     pub codes: Vec<Condition>,
-    /// Longest time from the fault to all motors off, s.
+    /// Limit of the time from the fault until all motors are off, s.
     pub off_within_s: f64,
-    /// Longest time from the fault to the last PWM pulse of the affected axle, s; `None` without a limit.
+    /// Limit of the time from the fault to the last PWM pulse of the affected axle, s; `None` without a limit.
     pub own_within_s: Option<f64>,
     /// True if the affected board must restart and report the restart.
     pub restarts: bool,
@@ -96,15 +96,15 @@ pub struct Entry {
     pub findings: &'static [&'static str],
     /// Time without current after which a motor counts as off, ms.
     pub rest_ms: u64,
-    /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
+    /// Frequency errors of the listed boards' crystals, parts in 10⁹; the other boards get random errors.
     pub fast_ppb: Vec<(Role, i64)>,
-    /// Power-on delay of boards, ms; 0 for the other boards.
+    /// Power-on delays of the listed boards, ms; the other boards have no delay.
     pub late_ms: Vec<(Role, u64)>,
     /// Changes a chip after the random draw.
     pub vary: fn(Role, &mut ChipVariation),
 }
 
-/// Longest time of a stop, s: the slowest fault is detected after 0.1 s, and the motors are off at most 2 s later
+/// Limit of the time of a stop, s: the slowest fault is detected after 0.1 s, and the motors are off at most 2 s later
 /// (`supervisor::Config::stop_timeout_s`).
 pub const STOP_S: f64 = 2.2;
 
@@ -132,7 +132,7 @@ impl Entry {
         }
     }
 
-    /// Options of the boards for this entry.
+    /// Options of the boards for this fault.
     pub fn options(&self) -> Options {
         Options {
             late_ms: self.late_ms.clone(),
@@ -184,13 +184,13 @@ impl Entry {
         self
     }
 
-    /// Sets the longest time until all motors are off, s.
+    /// Sets the limit of the time until all motors are off, s.
     pub fn within(mut self, seconds: f64) -> Self {
         self.off_within_s = seconds;
         self
     }
 
-    /// Sets the longest time until the affected axle gives no PWM pulse, s.
+    /// Sets the limit of the time to the last PWM pulse of the affected axle, s.
     pub fn own_within(mut self, seconds: f64) -> Self {
         self.own_within_s = Some(seconds);
         self

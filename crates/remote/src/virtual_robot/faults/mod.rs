@@ -39,7 +39,7 @@ use crate::virtual_robot::Images;
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 
-/// All faults, in the order of the table.
+/// All faults, in the order in which tables list them.
 pub fn catalogue() -> Vec<Entry> {
     [
         model::entries(),

@@ -43,17 +43,17 @@ const CORRUPTION: &[Condition] = &[
 const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
 /// Permitted reasons of a stop after the frame has snapped.
 const SNAPPED: &[Condition] = &[EstimateInconsistent, FrameBent, WrenchHigh, TrackingLost];
-/// Longest time to the stop of a robot that has lost its beam, s.
+/// Limit of the time from the loss of the beam to the stop, s.
 const BEAM_S: f64 = 22.0;
-/// Longest time to the stop if only the estimate reveals the fault, s.
+/// Limit of the time to the stop if only the estimate reveals the fault, s.
 const SLOW_S: f64 = 20.0;
 
 /// Limits that a controlled robot exceeds for at most 0.3 s: speed of an axle's midpoint (m/s; the governor allows
 /// half of it), steering angle |ψ| (rad), force of the frame (N).
 pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
-/// Longest time beyond [`BOUNDS`], ticks.
+/// Limit of the time beyond [`BOUNDS`], ticks.
 const MAX_BEYOND_TICKS: u32 = 300;
-/// Largest goal error of a finished task: position (m) and heading (rad).
+/// Limits of the goal error of a finished task: position (m) and heading (rad).
 pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];
 /// Speed below which the robot counts as at rest, m/s.
 const REST_M_S: f64 = 0.02;
@@ -134,7 +134,7 @@ pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// Observer of a run with a fault, and its state.
+/// Observer that checks each tick of a run with a fault.
 struct FaultObserver {
     goal: Posture,
     /// Time of the fault, µs.

@@ -22,8 +22,8 @@ const MOTOR: &[Condition] = &[
 /// Permitted reason of a stop after a stuck transistor: the driver reports a fault. The wheel brakes through the
 /// transistor until the wheel is at rest, so current flows until then.
 const NOTICED: &[Condition] = &[DriverFault];
-/// Longest time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks, and
-/// the millisecond that a driver takes to fall asleep.
+/// Limit of the time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks,
+/// and the millisecond in which the driver falls asleep.
 const CUT_S: f64 = 0.02;
 
 fn driver_fault(bench: &mut FaultBench, after_us: u64, span_us: u64) {
@@ -73,7 +73,7 @@ pub fn entries() -> Vec<Entry> {
 
 fn drivers() -> Vec<Entry> {
     entries! {
-        // Ten times, because the current loop detects about six of ten.
+        // The fault is repeated ten times, because the current loop detects about six of ten.
         "nFAULT low for 30 µs", "DRV8874", steps(&[0, 10, 20, 30, 40, 50, 60, 70, 80, 90].map(|ms| {
             at(ms, |b| {
                 let after_us = b.draw(50);

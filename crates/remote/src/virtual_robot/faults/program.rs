@@ -22,7 +22,7 @@ const HALTED: &[Condition] = &[
 const ADC: u16 = 16 + 18;
 /// Exception number of the tick's executor.
 const TICK: u16 = 16 + 52;
-/// Start of the RAM, the unused end of the stack, which holds the code of a wild store.
+/// Start of the RAM. The code of a wild store is placed here, at the unused end of the stack.
 const RAM: u32 = 0x2000_0000;
 /// Address at which the chip has no memory.
 const UNMAPPED: u32 = 0x3000_0000;
@@ -30,10 +30,10 @@ const UNMAPPED: u32 = 0x3000_0000;
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
 /// Findings of a processor fault at the guard below the stack.
 const GUARDED: &[&str] = &["fault", "overrun", "reset"];
-/// Longest time from a processor fault to the last PWM pulse, s.
+/// Limit of the time from a processor fault to the last PWM pulse, s.
 const AT_ONCE_S: f64 = 1e-3;
 
-/// Longest time to the last PWM pulse of a board whose current loop hangs, s: the timeout of the window watchdog.
+/// Limit of the time to the last PWM pulse of a board whose current loop hangs, s: the timeout of the window watchdog.
 pub const WATCHDOG_S: f64 = 0.01;
 
 fn hold(bench: &mut FaultBench, held: bool) {
@@ -91,7 +91,7 @@ fn store_to(board: &mut Board, address: u32) {
     core.set_register(15, RAM);
 }
 
-/// Makes an axle board store to an address, in this exception if given.
+/// Makes an axle board store to `address`, inside the handler of `exception` if given.
 fn wild_store(bench: &mut FaultBench, exception: Option<u16>, address: u32) {
     let role = bench.wheel().0;
     bench.board(role, |board| {
@@ -195,7 +195,8 @@ fn crashes() -> Vec<Entry> {
 fn hangs() -> Vec<Entry> {
     entries! {
         "the tick of an axle's board hangs", "program", drive(|b| { wild_store(b, Some(TICK), RAM + 16); })
-            // If the tick hangs in a critical section, the bus's handlers are blocked too.
+            // If the tick hangs in a critical section, the handlers of the bus are blocked too, so received frames are
+            // lost (overrun).
             .stops(HALTED).own_within(0.01).restarts().finds(&["reset", "overrun"]);
         "the current loop of an axle's board hangs", "program", drive(|b| {
             wild_store(b, Some(ADC), RAM + 16);

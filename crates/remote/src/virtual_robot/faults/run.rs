@@ -19,7 +19,7 @@ use virtual_board::wire::ErrorKind;
 const CURRENT_A: f64 = 0.05;
 /// Time for which a continuing robot is observed, ms.
 const OBSERVATION_MS: u64 = 1_000;
-/// Largest distance of a continuing robot from its position in the undisturbed run, m.
+/// Limit of the distance between a continuing robot and its position in the undisturbed run, m.
 const MAX_DEVIATION_M: f64 = 0.02;
 /// Time within which all nodes must be ready after the last act, ms.
 const READY_MS: u64 = 1_500;
@@ -83,11 +83,12 @@ struct MotorObservation {
     from: Time,
     /// For each axle, last time at which one of its motors carried current.
     last: Vec<Time>,
-    /// True if a motor carried current at the end.
+    /// True if a motor carried current at the end of the run.
     driven: bool,
 }
 
-/// Runs until the effects of the fault are clear.
+/// Performs the acts at their times and runs until the effects of the fault are clear, at most until the fault's time
+/// limit.
 fn run_until_clear(bench: &mut FaultBench, entry: &Entry, steps: &[TimedAct]) -> MotorObservation {
     let from = bench.now();
     let mut observed = MotorObservation {
@@ -131,8 +132,7 @@ fn run_until_clear(bench: &mut FaultBench, entry: &Entry, steps: &[TimedAct]) ->
     observed
 }
 
-/// Runs until the effects of the fault are clear, at most until the entry's time limit. Performs the acts at their
-/// times.
+/// First reason with which an axle or lead node went to safe stop or fault; `None` without a stop.
 fn stopped(bench: &FaultBench) -> Option<Condition> {
     let changes = bench.robot.monitor().changes().iter();
     let mut stops = changes.filter(|status| {

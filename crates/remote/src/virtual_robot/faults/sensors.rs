@@ -52,17 +52,18 @@ fn inertial(bench: &mut FaultBench, change: fn(&mut InertialFault)) {
     });
 }
 
-/// Worst remaining notice of the lead node, which must have none.
+/// Checks that the lead node has no notice at the end; otherwise gives the worst notice.
 fn degraded(bench: &mut FaultBench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
     Some(format!("notice at the end: {worst}"))
 }
 
-/// Description of the difference between the encoder's counter and the edges of its disc; `None` if it is small enough.
+/// Difference between the encoder's counter and the edges of the encoder's disc, in words; `None` if the difference is
+/// small enough.
 fn miscounted(bench: &mut FaultBench) -> Option<String> {
-    /// Largest difference, counts: counter and disc start within one encoder line (four counts), and the filter may
-    /// hold one line back.
+    /// Limit of the difference, counts: counter and disc start within one encoder line (four counts), and the filter
+    /// may hold one line back.
     const APART: u16 = 8;
     /// Addresses of the counters (CNT) of TIM3 and TIM4.
     const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];

@@ -8,13 +8,13 @@ use crate::virtual_robot::{Options, store};
 use host_sim::base::error::Error;
 use std::sync::{Mutex, PoisonError};
 
-/// Size of the store in the flash, bytes.
+/// Size of the parameter store in the flash, bytes.
 const STORE_BYTES: usize = 3 * (16 << 10);
 
-/// A robot at the time of the fault, and the stores of its boards at the start.
+/// Robot at the time of the fault, and the parameter stores of its boards at the start of the run.
 type Robot = (FaultBench, Vec<Vec<u8>>);
 
-/// Contents of the stores of all boards.
+/// Contents of the parameter stores of all boards.
 pub fn stores(bench: &mut FaultBench) -> Vec<Vec<u8>> {
     let boards = bench.robot.network.boards();
     boards

@@ -1,4 +1,4 @@
-//! Boot orders, and faults present at power-on.
+//! Orders in which the boards start, and faults present at power-on.
 
 use super::bench::FaultBench;
 use super::entry::{AXLES, BEAM, Entry, at, entries};
@@ -26,7 +26,7 @@ fn blinks_fast(bench: &mut FaultBench) -> Option<String> {
         .then(|| format!("{halves} half periods of blinking at the LED: must be at least 20"))
 }
 
-/// Checks that a board has reported another board with its role.
+/// Checks that a board has reported that another board has the same role.
 fn names_the_role(bench: &mut FaultBench) -> Option<String> {
     let mut changes = bench.robot.monitor().changes().iter();
     let named = changes.any(|status| status.reason == Some(Condition::RoleTaken));

@@ -26,9 +26,9 @@ use virtual_board::wire::Record as Sending;
 pub(super) struct Tools {
     cuts: Cuts,
     recovery: Recovery,
-    /// True if the front board has restarted and lost the robot's place.
+    /// True if the front board has restarted and lost the robot's posture.
     lost_place: bool,
-    /// Frames of each board on the bus, and its failed transmissions.
+    /// Number of frames and of failed transmissions of each board on the bus.
     traffic: Vec<Traffic>,
 }
 

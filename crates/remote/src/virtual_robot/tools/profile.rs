@@ -20,13 +20,13 @@ pub struct Interrupt {
     pub name: String,
     /// Number of calls of the handler.
     pub count: u64,
-    /// Total execution time without the time of preemption, µs.
+    /// Total execution time, without the time in which other handlers preempted this handler, µs.
     pub us: f64,
-    /// Longest execution without the time of preemption, µs.
+    /// Longest execution, without the time in which other handlers preempted this handler, µs.
     pub longest_us: f64,
     /// Longest time from entry to return, with preemption, µs.
     pub longest_with_preemption_us: f64,
-    /// Longest time from pending to the first instruction, µs.
+    /// Longest time from the pending of the interrupt to the first instruction of its handler, µs.
     pub longest_latency_us: f64,
 }
 

@@ -73,7 +73,7 @@ pub(crate) struct Adc {
     sr: u32,
     data: u32,
     injected_data: [u32; 4],
-    /// Positions in the sequences of the regular and the injected group; `None` if the group does not run.
+    /// Present positions in the sequences of the regular and the injected group; `None` if the group does not run.
     positions: [Option<u32>; 2],
     conversion: Option<Conversion>,
     /// Core cycles in one clock of the converter when the conversion began.
@@ -401,7 +401,7 @@ impl Adc {
         }
     }
 
-    /// Stops the requests, unless DDS is set: the stream has moved the last item of its block.
+    /// Handles the end of the DMA stream's block: without DDS the converter stops its DMA requests.
     pub fn block_ended(&mut self) {
         self.requests_stopped |= self.cr2() & DDS == 0;
     }

@@ -4,7 +4,7 @@ use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
 use super::super::timer::TimerId;
 
-// Offsets.
+// Offsets of registers.
 pub(super) const SR: u32 = 0x00;
 pub(super) const CR1: u32 = 0x04;
 pub(super) const CR2: u32 = 0x08;
@@ -45,7 +45,7 @@ bits! { pub(super):
 bits! { pub(super):
     EOCIE 5, JEOCIE 7, SCAN 8, OVRIE 26
 }
-/// JAUTO, DISCEN, JDISCEN, JAWDEN, AWDEN, RES.
+/// Bits of CR1 that are not modelled: JAUTO, DISCEN, JDISCEN, JAWDEN, AWDEN, RES.
 pub(super) const UNKNOWN_CR1: u32 = 0x03c0_1c00;
 // Bits of CR2.
 bits! { pub(super):
@@ -55,7 +55,7 @@ pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
 pub(super) const EXTEN: u32 = 3 << 28;
 pub(super) const SWSTART: u32 = 1 << 30;
-/// CCR: MULTI, DMA mode of several converters, VBATE, TSVREFE.
+/// Bits of CCR that are not modelled: MULTI, DMA mode of several converters, VBATE, TSVREFE.
 pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 
 /// Sampling times by SMPx, clocks.

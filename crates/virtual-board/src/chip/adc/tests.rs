@@ -1,5 +1,5 @@
 //! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks after its
-//! trigger, an injected one three. A clock is two cycles.
+//! trigger, an injected one three. One clock of the converter is two core cycles.
 
 use super::*;
 use crate::chip::circuit::Circuit;
@@ -30,7 +30,7 @@ enum Stream {
 struct AdcBench {
     adc: Adc,
     shared: Shared,
-    /// Cycles of the DMA requests, and the results read.
+    /// Cycles of the DMA requests.
     asked: Vec<Cycles>,
     data: Vec<u32>,
     stream: Stream,
@@ -134,7 +134,7 @@ fn voltage_is_taken_at_the_end_of_sampling() {
 fn injected_group_interrupts_and_the_regular_conversion_restarts() {
     let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).command(JSWSTART).pass(1070 + 86);
-    // 3 clocks, then 28 + 12 clocks.
+    // 86 cycles: 3 clocks to start, 28 to sample, 12 to convert.
     assert!(bench.interrupted());
     assert_eq!(bench.read(JDR1), 300);
     bench.pass(2000);
@@ -155,7 +155,7 @@ fn regular_trigger_waits_for_the_injected_group() {
 #[test]
 fn short_injected_sequence_ends_with_jsq4() {
     let mut bench = AdcBench::new(SCANNED, STREAMED);
-    // Two channels of at most four: JSQ3 and JSQ4.
+    // A sequence of two channels uses JSQ3 and JSQ4.
     bench.write(&[(JSQR, 1 << 20 | 9 << 10 | 12 << 15)]);
     bench.command(JSWSTART).pass(2000);
     assert_eq!((bench.read(JDR1), bench.read(0x40)), (900, 1200));
@@ -289,7 +289,7 @@ fn settings_changed_during_a_conversion_are_a_finding() {
         bench.trigger().pass(1010).write(&[write]);
         assert_eq!(bench.shared.kinds(), [FindingKind::Forbidden], "{write:?}");
     }
-    // A new sequence starts from its beginning.
+    // A sequence written during a scan starts at its first channel.
     let mut bench = AdcBench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).write(&[(SQR3, 2 | 1 << 5)]);
     bench.pass(2000);

@@ -5,7 +5,7 @@ use crate::time::{Cycles, NEVER};
 /// Number of messages in a FIFO.
 const DEPTH: usize = 3;
 
-/// RFxR: release the output mailbox, overrun, full.
+/// Bits of RFxR: release of the output mailbox, overrun, full.
 pub(super) const RFOM: u32 = 1 << 5;
 pub(super) const FOVR: u32 = 1 << 4;
 pub(super) const FULL: u32 = 1 << 3;

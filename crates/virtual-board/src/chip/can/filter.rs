@@ -8,7 +8,7 @@ use crate::wire::{Frame, Id};
 pub(super) const BANKS: usize = 28;
 /// Mask of all banks, one bit each.
 pub(super) const ALL: u32 = (1 << BANKS) - 1;
-/// FMR: initialisation mode of the filters.
+/// Bit of FMR: initialisation mode of the filters.
 pub(super) const FINIT: u32 = 1;
 
 /// Registers of the filters. In `mode`, `scale`, `assignment` and `active`, bit n belongs to bank n.
@@ -99,8 +99,8 @@ mod tests {
             active: 0b1_0011,
             ..Filters::default()
         };
-        // Bank 0: standard data frames, to FIFO 0. Bank 1: extended frames, to FIFO 1. Bank 4: all others. Bank 2 has
-        // two 16-bit masks, bank 3 is a list of two identifiers.
+        // Bank 0 passes standard data frames to FIFO 0, bank 1 extended frames to FIFO 1, bank 4 all other frames to
+        // FIFO 0. Bank 2 has two 16-bit masks, bank 3 is a list of two identifiers; both are inactive.
         filters.banks[0] = [7 << 21, 0xffe0_0006];
         filters.banks[1] = [7 << 3 | 4, !0];
         let find = |filters: &Filters, frame| filters.find(&frame).map(|m| (m.fifo, m.index));
@@ -111,7 +111,7 @@ mod tests {
         assert_eq!(find(&filters, remote), Some((0, 5)));
         filters.active = 1;
         assert_eq!(find(&filters, extended), None);
-        // Banks from the fourth on belong to CAN2.
+        // Banks from number 4 on belong to CAN2.
         (filters.active, filters.fmr) = (1 << 4, 0x2a1c_0400);
         assert_eq!(find(&filters, standard), None);
         assert!(!filters.are_unknown());

@@ -7,7 +7,7 @@ bits! { pub(super):
     RQCP 0, TXOK 1, ALST 2, TERR 3, ABRQ 7
 }
 
-/// TIxR: transmit request, remote frame, extended identifier.
+/// Bits of TIxR: transmit request, remote frame, extended identifier.
 pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;

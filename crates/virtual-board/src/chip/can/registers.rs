@@ -3,18 +3,18 @@
 use super::super::register::{Register, word};
 use super::filter::ALL;
 
-// MCR.
+// Bits of MCR.
 bits! { pub(super):
     INRQ 0, SLEEP 1, TXFP 2, RFLM 3, NART 4, AWUM 5, ABOM 6, TTCM 7, RESET 15
 }
 pub(super) const MCR_BITS: u32 = 0x0001_80ff;
 pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
 
-// MSR.
+// Bits of MSR.
 bits! { pub(super):
     INAK 0, SLAK 1, ERRI 2, SLAKI 4, TXM 8
 }
-/// Last sample and level of the pin: recessive.
+/// Bits of MSR for the last sample and the level of the receive pin, both recessive.
 pub(super) const RECESSIVE: u32 = 3 << 10;
 
 /// Bits of IER.
@@ -27,7 +27,7 @@ bits! { pub(super):
 }
 pub(super) const IER_BITS: u32 = 0x0003_8f7f;
 
-// ESR.
+// Bits of ESR.
 bits! { pub(super):
     EWGF 0, EPVF 1, BOFF 2
 }
@@ -40,7 +40,7 @@ pub(super) const BTR_BITS: u32 = 0xc37f_03ff;
 
 const TDTR_BITS: u32 = 0xffff_010f;
 pub(super) const FMR_BITS: u32 = 0x3f01;
-/// FMR: reserved bits whose reset value is one.
+/// Reserved bits of FMR whose reset value is one.
 pub(super) const FMR_ONES: u32 = 0x2a1c_0000;
 
 pub(super) const MAILBOXES: u32 = 0x180;

@@ -132,7 +132,7 @@ fn controller_joins_after_eleven_recessive_bits() {
     bench.wire.inject(free, Fault::Level(None));
     bench.run(10_060);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
-    // 11 bits, rounded up to the next simulation step.
+    // The controller joins after eleven recessive bits, 11 µs; the simulation step of 20 µs ends at 10 080 µs.
     bench.run(10_080);
     bench.board().run(10_080 * MICRO + 1);
     assert_eq!(bench.board().read(MSR) & 3, 0);
@@ -149,7 +149,7 @@ fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
     assert_eq!(bench.board().read(TSR) >> 24, 0b0001_1001);
     let frame = Frame::new(Id::Standard(0x123), &[1, 2, 3, 4]);
     let mut changes = Vec::new();
-    // The interrupt lines of the boards are checked in every cycle.
+    // Each board advances cycle by cycle, to find the cycle at which its interrupt line rises.
     while changes.len() < 2 {
         let quantum = bench.now;
         for cycle in quantum..quantum + QUANTUM {
@@ -273,7 +273,7 @@ fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
     assert_eq!(order(&mut bench), [Id::Standard(0x100)]);
     assert_eq!(bench.wire.statistics(0).given_up, 1);
 
-    // Without an acknowledgement, the transmission ends at the first error.
+    // No node acknowledges the frame, so the aborted transmission ends at its first error.
     let mut bench = CanBench::joined(1, false);
     bench.board().request(0, 0x100, 0);
     bench.run(140);
@@ -319,10 +319,10 @@ fn bus_off_recovers_automatically_or_by_the_program() {
             bench.run(10_100);
             assert_eq!(bench.board().read(MSR) & 3, INAK);
             bench.board().write(&[(MCR, 0)]);
-            // Joining takes eleven bits.
+            // The recovery time counts from joining the bus, which takes eleven bits.
             from = bench.now / MICRO + 11;
         }
-        // 128 times eleven bits, with a margin of a few simulation steps.
+        // Recovery from bus-off takes 128 times eleven bits; the margins are a few simulation steps.
         bench.run(from + 128 * 11 - 60);
         assert_eq!(bench.board().read(ESR) & BOFF, BOFF);
         bench.run(from + 128 * 11 + 120);

@@ -13,10 +13,10 @@ use crate::time::Cycles;
 
 /// Number of lines of the flash.
 const LINES: usize = (1 << 20) / 16;
-/// Marks an unused entry.
+/// Marks a cache entry without a line.
 const NONE: u32 = u32::MAX;
 
-/// Length of the log of uses; a full log is compacted to the latest use of each entry.
+/// Capacity of a cache's log of used entries; a full log is compacted to the latest use of each entry.
 const REMEMBERED: usize = 1 << 12;
 
 /// A cache of whole lines with least-recently-used replacement.
@@ -29,9 +29,9 @@ struct Cache<const N: usize> {
     uses: Box<[u8; REMEMBERED]>,
     /// Number of uses in the log.
     used: usize,
-    /// Index into the log: the latest use of each entry is here or later.
+    /// Index into the log at which the search for the least recently used entry starts.
     oldest: usize,
-    /// Index of the latest use of each entry.
+    /// Index into the log of the latest use of each entry.
     latest: [u16; N],
     on: bool,
 }
@@ -249,9 +249,9 @@ mod tests {
     #[test]
     fn prefetch_hides_the_stalls_of_sequential_lines() {
         let mut art = set(5 | 1 << 8);
-        // Eight instructions of one cycle each: the next line arrives after six.
+        // A line executes for eight cycles, so the prefetch of the next line, six cycles, ends in time.
         assert_eq!(run(&mut art, 0..4, 8), [5, 0, 0, 0]);
-        // Four instructions take four of the six cycles of a prefetch: the core waits two cycles at each line.
+        // A line executes for four of the six cycles of a prefetch, so the core waits two cycles at each line.
         let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
     }
@@ -259,10 +259,10 @@ mod tests {
     #[test]
     fn sequential_lines_prefetched_too_late_are_cached() {
         let mut art = set(5 | 3 << 8);
-        // Four cycles in each line: a prefetch takes six.
+        // A line executes for four of the six cycles of a prefetch: each line is late, and is cached.
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
         assert_eq!(run(&mut art, 100..104, 4), [0, 0, 0, 0]);
-        // Eight cycles in each line: only the first line is a miss and is cached.
+        // A line executes for eight cycles, so only the first line is a miss and is cached.
         let mut art = set(5 | 3 << 8);
         run(&mut art, 100..104, 8);
         let cached: Vec<_> = (100..104)

@@ -51,7 +51,7 @@ const ERASE: [[Time; 3]; 3] = [
 pub(super) struct Parallelism(pub u32);
 
 impl Parallelism {
-    /// True if a store of this width matches; 64 bits exceed the core's stores.
+    /// True if a store of this width matches the parallelism. No store of the core matches 64 bits.
     pub fn is(self, width: Width) -> bool {
         self.0 == width.bytes().trailing_zeros()
     }

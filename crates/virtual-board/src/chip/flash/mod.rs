@@ -38,7 +38,7 @@ const REGISTERS: &[Register] = &[
 bits! {
     EOP 0, OPERR 1, PGPERR 6, PGSERR 7, BSY 16
 }
-/// Includes the flags of protection and alignment errors, which never occur here.
+/// Flags of SR that are cleared by writing one, with those of protection and alignment errors, which never occur here.
 const CLEARED_BY_ONE: u32 = EOP | OPERR | 0xf0;
 // Bits of CR.
 bits! {
@@ -155,7 +155,7 @@ impl Flash {
         self.acr & PRFTEN != 0
     }
 
-    /// Leaves the random content of an interrupted operation.
+    /// Applies an interrupted operation: a random part of the bits or bytes is changed.
     fn tear(&mut self, operation: Operation, shared: &Shared) {
         self.cuts += 1;
         let mut random = Random::new(shared.variation.seed ^ self.cuts << 32);
@@ -244,7 +244,7 @@ impl Flash {
         shared.line(Interrupt::Flash, end || error);
     }
 
-    /// Rejects an operation.
+    /// Rejects an operation: sets `flag` of SR and records a finding.
     fn refuse(&mut self, flag: u32, text: String, shared: &mut Shared) {
         self.sr |= flag;
         if self.cr & ERRIE != 0 {

@@ -33,7 +33,7 @@ fn programming_clears_bits_and_stalls_the_core() {
         let mut cycle = shared.now;
         let read = flash.load(word(BASE + 0x8000), &mut cycle, &mut shared);
         assert_eq!(read, Some(stands));
-        // 16 µs at 16 MHz.
+        // Programming takes 16 µs, 256 cycles at 16 MHz; the load waits for its end.
         assert_eq!(cycle - shared.now, 256);
         shared.now = cycle;
     }
@@ -111,7 +111,7 @@ fn end_of_operation_interrupts_and_a_write_to_cr_stalls_until_then() {
     flash.program(word(BASE), 0, &mut cycle, &mut shared);
     assert_eq!(shared.lines, 0);
     flash.write(0x10, EOPIE, !0, &mut shared);
-    // 16 µs at 16 MHz.
+    // Programming takes 16 µs, 256 cycles at 16 MHz; the write to CR waits for its end.
     assert_eq!(shared.held_until, 256);
     assert_eq!(flash.read(0x0c, &mut shared), EOP);
     assert_eq!(shared.lines, 1 << Interrupt::Flash as u32);

@@ -25,7 +25,7 @@ use crate::finding::FindingKind;
 use crate::time::{NEVER, Time};
 use tree::Pll;
 
-/// Stands for a stopped clock: the lowest frequency of the time base, Hz.
+/// Frequency that stands for a stopped core clock, Hz: the lowest that the time base supports.
 const STALLED_HZ: u64 = 1_000;
 /// Start-up times of the internal oscillator, of the slow oscillator and of the PLL.
 const INTERNAL_START: Time = Time::from_nanos(2_200);
@@ -65,9 +65,9 @@ bits! {
     HSION 0, HSEON 16, HSEBYP 18, CSSON 19, PLLON 24, PLLI2SON 26
 }
 const TRIM: u32 = 0xf8;
-/// PLLCFGR: the PLL's source is the crystal, not the internal oscillator.
+/// Bit of PLLCFGR: the PLL's source is the crystal, not the internal oscillator.
 const PLLSRC: u32 = 1 << 22;
-/// CIR: the crystal failed.
+/// Flag of CIR: the crystal failed.
 const CSSF: u32 = 1 << 7;
 // Bits of BDCR.
 const RTCSEL: u32 = 0x300;
@@ -439,7 +439,7 @@ impl Rcc {
 
     fn read_cr(&self) -> u32 {
         let ready = |which: usize, bit: u32| u32::from(self.oscillators[which].ready) << bit;
-        // Factory calibration.
+        // HSICAL: factory calibration of the internal oscillator.
         let calibration = 0x80 << 8;
         self.reg(0) | ready(INTERNAL, 1) | ready(CRYSTAL, 17) | ready(PLL, 25) | calibration
     }

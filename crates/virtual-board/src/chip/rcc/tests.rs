@@ -14,7 +14,7 @@ fn start(rcc: &mut Rcc, shared: &mut Shared) {
     assert_eq!(rcc.read(0x00, shared) & 1 << 17, 0, "not at once");
     pass(rcc, shared, 2_100);
     assert_ne!(rcc.read(0x00, shared) & 1 << 17, 0);
-    // 8 MHz / 4 · 168 / 2.
+    // The PLL's output is 8 MHz / 4 · 168 / 2 = 168 MHz.
     rcc.write(0x04, 0x2040_2a04 | 7 << 24, !0, shared);
     rcc.write(0x00, 0x0101_0081, !0, shared);
     rcc.write(0x08, 0x0000_9402, !0, shared);
@@ -25,7 +25,7 @@ fn start(rcc: &mut Rcc, shared: &mut Shared) {
 fn bus_clock_beyond_its_limit_is_a_finding() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     start(&mut rcc, &mut shared);
-    // APB1 at 84 MHz.
+    // This divider sets APB1 to 84 MHz; the limit is 42 MHz.
     rcc.write(0x08, 0x0000_9002, !0, &mut shared);
     assert_eq!(shared.kinds(), [FindingKind::ClockLimit]);
     let found = &shared.findings.list()[0];
@@ -126,7 +126,7 @@ fn reset_flags_accumulate_until_cleared_or_power_reset() {
         rcc.begin(kept, cause, &mut shared);
         rcc.read(CSR, &mut shared) >> 24
     };
-    // Flags of RM0090, 7.3.21, shifted down by 24 bits.
+    // Expected values are the reset flags of CSR (RM0090, 7.3.21), shifted down by 24 bits.
     assert_eq!(after(&mut rcc, Cause::Watchdog), 0x2e);
     assert_eq!(after(&mut rcc, Cause::Software), 0x3e);
     assert_eq!(after(&mut rcc, Cause::BrownOut), 0x06);

@@ -117,14 +117,14 @@ mod tests {
 
     #[test]
     fn pll_frequencies_follow_from_pllcfgr() {
-        // 8 MHz / 8 · 336: 168 MHz and 48 MHz.
+        // The oscillator runs at 8 MHz / 8 · 336; divided by 2 for the core and by 7 for USB.
         let pll = Pll::of(8 | 336 << 6 | 7 << 24, 8_000_000);
         assert_eq!(
             [pll.input_hz, pll.oscillator_hz, pll.core_hz, pll.usb_hz],
             [1_000_000, 336_000_000, 168_000_000, 48_000_000]
         );
         assert!(pll.violations().is_empty());
-        // 25 MHz / 15 · 180 / 4: the fraction is kept.
+        // 25 MHz / 15 is no whole number of Hz; its fraction is kept in 25 MHz / 15 · 180 / 4.
         let pll = Pll::of(15 | 180 << 6 | 1 << 16 | 7 << 24, 25_000_000);
         assert_eq!(pll.core_hz, 75_000_000);
     }

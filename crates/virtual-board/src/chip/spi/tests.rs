@@ -80,7 +80,7 @@ fn words_of_16_bits_transfer_and_pins_are_checked_once() {
     bench.run(16 * BIT);
     assert_eq!(bench.read(DR), 0xedcb);
     assert_eq!(bench.circuit::<Mirror>().words[0].1, 16);
-    // The signals are not checked again.
+    // A second enabling does not check again that the signals are routed to pins.
     bench.write(&[(CR1, cr1), (CR1, cr1 | SPE)]);
     let signals = [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi];
     assert_eq!(bench.shared.effects, signals.map(Effect::Uses));

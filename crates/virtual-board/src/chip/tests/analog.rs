@@ -107,8 +107,8 @@ fn timer_triggered_scans_fill_a_circular_buffer() {
     bench.scans();
     let start = bench.cycle;
     bench.write_all(&[(TIM2, 1)]);
-    // The timer counts from the next cycle on. A clock of the converter is four cycles: two clocks to start, six
-    // conversions of 27 clocks.
+    // The timer counts from the next cycle on. A scan takes two converter clocks to start and six conversions of 27
+    // clocks; one converter clock is four core cycles.
     let first = start + 1 + 1000;
     let scan = 4 * (2 + 6 * 27);
     for (at, halves) in [(first + scan - 1, 5), (first + scan, 6)] {
@@ -215,7 +215,7 @@ fn break_stops_the_pwm_and_not_the_conversions() {
     assert!(edges.iter().copied().eq(expected), "{edges:?}");
     assert_eq!(bench.read(TIM1 + 0x44), BDTR & 0x7fff);
     assert_eq!(bench.read(TIM1 + 0x10) & 1 << 7, 1 << 7);
-    // One conversion in each period of 800 cycles.
+    // OC4REF triggers one conversion in each PWM period of 800 cycles.
     assert_eq!(bench.chip.conversions().injected, 10);
     bench.write_all(&[(TIM1 + 0x10, 0), (TIM1 + 0x44, BDTR)]);
     let now = bench.cycle;

@@ -13,11 +13,11 @@ fn sender(pins: bool) -> ChipBench {
     bench.set(RCC + 0x30, 1 << 1);
     bench.set(RCC + 0x40, 1 << 25);
     if pins {
-        // Alternate function 9 at PB8 and PB9.
+        // PB8 and PB9 get alternate function 9, CAN1.
         bench.write(GPIOB + 0x24, 0x99);
         bench.write(GPIOB, 0x280 | 0xa << 16);
     }
-    // Initialisation mode; 16 MHz / 2, eight time quanta; normal mode.
+    // The bit rate is set in initialisation mode: 1 Mbit/s from 16 MHz / 2 and eight time quanta.
     bench.write(CAN1, 1);
     bench.write(CAN1 + 0x1c, 5 << 16 | 1);
     bench.write(CAN1, 0);

@@ -2,19 +2,19 @@
 
 use crate::time::Cycles;
 
-/// Leg: counting in one direction, up to the step at which the counter turns or restarts.
+/// Steps of the counter in one direction, from a turn or restart to the next.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
     /// Cycle at which the counter was at `from` with the prescaler at zero.
     start: Cycles,
     from: u32,
-    /// Steps until the leg ends, at least one.
+    /// Steps from `start` to the next turn or restart, at least one.
     length: u64,
     /// True if the counter is above the reload value: it counts to its full width, without an event.
     beyond: bool,
 }
 
-/// End of a leg.
+/// Event with which the counter turns or restarts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
     Overflow,
@@ -179,13 +179,13 @@ impl Counter {
         });
     }
 
-    /// Cycle at which the leg ends; `None` if the counter is stopped or blocked.
+    /// Cycle at which the counter next turns or restarts; `None` if the counter is stopped or blocked.
     pub fn end(&self) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         Some(leg.start + leg.length * self.step)
     }
 
-    /// Event at the end of the leg.
+    /// Event with which the counter next turns or restarts.
     pub fn turn(&self) -> Turn {
         match (&self.leg, self.up) {
             (Some(Leg { beyond: true, .. }), _) => Turn::Wrap,
@@ -194,7 +194,7 @@ impl Counter {
         }
     }
 
-    /// Begins the next leg at `end`, with the active reload value.
+    /// Turns or restarts the counter at cycle `end`, with the active reload value.
     pub fn next_leg(&mut self, turn: Turn, end: Cycles) {
         self.phase = 0;
         let from = match (turn, self.centred) {
@@ -208,7 +208,7 @@ impl Counter {
         self.begin(from, end);
     }
 
-    /// Cycle at which the counter reaches `value` on this leg; `None` if this leg does not reach the value.
+    /// Cycle at which the counter reaches `value`; `None` if it turns or restarts first.
     pub fn meets(&self, value: u32) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         let steps = if self.up {
@@ -219,7 +219,8 @@ impl Counter {
         (steps < leg.length).then(|| leg.start + steps * self.step)
     }
 
-    /// Skips as many whole groups of `legs` legs as have passed by `now`. A leg has its full length.
+    /// Skips whole groups of `legs` counts from one turn or restart to the next that have ended by `now`. The present
+    /// count must have begun at 0 or at the reload value.
     pub fn skip(&mut self, legs: u64, now: Cycles) {
         if let Some(leg) = &mut self.leg {
             let length = u64::from(self.reload) + u64::from(!self.centred);
@@ -280,7 +281,7 @@ mod tests {
         (counter.reload, counter.centred) = (7, true);
         counter.start(0);
         counter.skip(4, 1000);
-        // 35 groups of four legs, 28 cycles each.
+        // The first 980 cycles are skipped: 35 groups of four counts of 7 cycles.
         assert_eq!((counter.end(), counter.value(983)), (Some(987), 3));
     }
 }

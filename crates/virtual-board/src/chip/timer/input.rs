@@ -34,7 +34,7 @@ impl Filter {
     /// Settings from ICxF. `timer` is the period of the timer's clock and `sampling` that of f_DTS, in core cycles.
     pub fn of(bits: u32, timer: u64, sampling: u64) -> Self {
         let (divider, samples) = FILTERS[bits as usize & 15];
-        // ICxF of 1 to 3 samples with the timer's clock.
+        // With ICxF from 1 to 3 the filter samples at the timer's clock.
         let unit = if bits < 4 { timer } else { sampling * divider };
         Self { unit, samples }
     }
@@ -110,11 +110,11 @@ mod tests {
 
     #[test]
     fn filter_passes_a_level_only_after_all_its_samples() {
-        // A timer at 84 MHz with a core at 168 MHz. f_DTS/32 and eight samples: 64 cycles between samples.
+        // The timer's clock is two core cycles. The filter takes eight samples at f_DTS/32, 64 core cycles apart.
         let filter = Filter::of(15, 2, 2);
         let mut input = Input::default();
         assert!(!input.change(true, filter, 1000));
-        // Sampled at 1024, 1088, …, 1472.
+        // The filter samples at cycles 1024, 1088, …, 1472.
         assert_eq!(input.due, Some(1472));
         input.change(false, filter, 1471);
         assert!(!input.pass() && !input.level);
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn filter_times_match_the_manual() {
-        // ICxF, and the shortest pulse that always passes, in cycles of the timer's clock. f_DTS equals this clock.
+        // Each pair is ICxF and the time of all its samples, cycles of the timer's clock. f_DTS equals this clock.
         for (bits, time) in [(1, 2), (3, 8), (4, 12), (7, 32), (10, 80), (15, 256)] {
             let filter = Filter::of(bits, 1, 1);
             assert_eq!(filter.unit * filter.samples, time, "{bits}");

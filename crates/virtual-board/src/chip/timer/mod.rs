@@ -181,7 +181,7 @@ impl Timer {
 
     fn catch_up(&mut self, shared: &mut Shared) {
         let now = shared.now;
-        // After this number of legs, count, direction and repetition counter repeat.
+        // After this number of turns or restarts, count, direction and repetition counter have their old values.
         let stretch = 4 * (self.reg(RCR) + 1);
         let mut legs = 0;
         while let Some(end) = self.counter.end() {
@@ -207,7 +207,7 @@ impl Timer {
         (0..4).filter(still).fold(0, |idle, k| idle | up & 1 << k)
     }
 
-    /// Applies the compare matches up to `last` on this leg.
+    /// Applies the compare matches up to cycle `last`, which is before the counter's next turn or restart.
     fn apply_matches(&mut self, last: Cycles, shared: &mut Shared) {
         let idle = self.idle();
         for k in (0..4).filter(|k| idle >> k & 1 == 0) {
@@ -224,7 +224,7 @@ impl Timer {
             return;
         }
         let compare = self.channels[k].compare;
-        // At the ends of a centre-aligned count the match belongs to both directions.
+        // A match at 0 or at the reload value of a centre-aligned count belongs to both directions.
         let end = compare == 0 || compare == self.counter.reload;
         let wanted = match self.reg(CR1) & CMS {
             0x20 => end || !self.counter.up,
@@ -321,7 +321,7 @@ impl Timer {
         }
     }
 
-    /// Ends a leg and begins the next one.
+    /// Turns or restarts the counter at cycle `end`.
     fn turn(&mut self, end: Cycles, shared: &mut Shared) {
         let turn = self.counter.turn();
         self.ended(turn, shared);

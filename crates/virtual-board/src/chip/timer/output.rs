@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn pulse_is_centred_on_zero_and_twice_the_compare_value_long() {
         let inside = |up: bool| (0..=10).filter(|&c| is_inside(c, 3, up)).count();
-        // Up: 0, 1, 2. Down: 3, 2, 1, and 0, which is the same step as 0 when counting up.
+        // The counts inside the pulse are 0, 1, 2 upward and 3, 2, 1, 0 downward; the 0 is the same step in both.
         assert_eq!((inside(true), inside(false)), (3, 4));
         assert_eq!(Mode::Pulse1.reference(false), Some(false));
         assert_eq!(Mode::Pulse2.reference(false), Some(true));

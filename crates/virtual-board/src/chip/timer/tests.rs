@@ -125,7 +125,7 @@ fn edge_aligned_timer_updates_every_reload_plus_one_steps() {
 #[test]
 fn timer_without_consumers_schedules_nothing_and_keeps_its_state() {
     let mut bench = TimerBench::new(TimerId::Tim3);
-    // A PWM channel with its output off. The timer's clock is two cycles, a step is six.
+    // Channel 1 is PWM with its output off. The timer's clock is two core cycles, a step of the counter six.
     bench.shared.clocks.timer1 = 2;
     bench.write(&[
         (PSC, 2),
@@ -137,7 +137,7 @@ fn timer_without_consumers_schedules_nothing_and_keeps_its_state() {
         (CR1, CEN),
     ]);
     assert_eq!(bench.shared.due(Unit::Tim3), NEVER);
-    // The counter starts at 2. After 1000 periods and 7 steps, the channel has matched 1001 times.
+    // The counter starts at cycle 2. After 1000 periods and 7 steps, the channel has matched 1001 times.
     bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
     assert_eq!(bench.read(CNT), 7);
     assert_eq!(bench.read(SR) & 3, UPDATE | 2);
@@ -215,7 +215,7 @@ fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
         assert_eq!(bench.times(TRGO1), expected, "{repetition}");
     }
     // RCR is written after CEN but before the counter starts. The repetition counter is still 0, so the first overflow
-    // is an update, then every second end: overflows.
+    // is an update. Of the following overflows and underflows every second is an update: each overflow.
     let mut bench = centred(1, 0);
     bench.write(&[(RCR, 1)]).pass(START + 600);
     assert_eq!(bench.times(TRGO1), [101, 301, 501]);
@@ -267,7 +267,7 @@ fn preloaded_compare_value_takes_effect_at_the_next_update() {
     bench.pass(51).write(&[(CCR1, 60)]);
     bench.pass(301);
     assert_eq!(bench.read(CCR1), 60);
-    // The counter turns at 101. The output becomes high at count 60 on the way down, cycle 141.
+    // The counter turns at cycle 101. The output becomes high at count 60 on the way down, cycle 141.
     let drives = bench.drives(Signal::Tim1Ch1);
     assert_eq!(drives, [(31, Low), (141, High), (261, Low)]);
 }
@@ -373,7 +373,7 @@ fn trigger_output_follows_software_update_enable_and_compare() {
     bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);
     assert_eq!(bench.times(trgo), [5, 7]);
     bench.write(&[(CR2, 3 << 4)]).pass(25);
-    // The counter started at 8.
+    // The counter started at cycle 8; the compare value 3 matches once in each period of ten cycles.
     assert_eq!(bench.times(trgo), [5, 7, 11, 21]);
 }
 
@@ -430,13 +430,13 @@ fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
     bench.write(&[(CCMR1, 0xf1f1), (CCER, 0x11), (SMCR, 3), (CR1, CEN)]);
     use Signal::{Tim3Ch1 as A, Tim3Ch2 as B};
     bench.pass(1000).input(A, true);
-    // Samples every 32 cycles, the eighth at 1024 + 224.
+    // The filter samples every 32 cycles from 1024 on; the eighth sample is at 1248.
     bench.pass(1247);
     assert_eq!(bench.read(CNT), 0);
     bench.pass(1248);
     assert_eq!(bench.read(CNT), 1);
     bench.pass(2000).input(B, true);
-    // A glitch of 200 ns at 16 MHz.
+    // This pulse of three cycles ends before the filter takes eight samples.
     bench.pass(3000).input(A, false).pass(3003).input(A, true);
     assert_eq!(bench.pass(4000).read(CNT), 2);
     bench.input(A, false).pass(5000).input(B, false);

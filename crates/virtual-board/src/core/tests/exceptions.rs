@@ -84,7 +84,7 @@ fn interrupt_inside_an_it_block_returns_into_the_block() {
         0x45bd, // cmp sp, r7
         0x4770, // bx lr
     ];
-    // The store pends line 0. Afterwards the block continues without its else part.
+    // The store sets line 0 pending. After the handler, the IT block continues and skips its else instruction.
     let mut machine = Machine::new(&[
         0x4280, // cmp r0, r0
         0xbf03, // ittte eq
@@ -192,8 +192,8 @@ fn line_that_stays_high_interrupts_again() {
 #[test]
 fn masks_hold_back_interrupts_by_priority() {
     let pend = |machine: &mut Machine| machine.set_private(ISPR0, 1);
-    // The programs begin with cpsid i, cpsid f, msr basepri, r0 (three times) and msr basepri_max, r0. The priority of
-    // the line is 0x20.
+    // First instructions: cpsid i; cpsid f; msr basepri, r0 in three programs; msr basepri_max, r0. The line's priority
+    // is 0x20. Each row is the program, r0, and true if the interrupt is taken.
     let programs: [(&[u16], u32, bool); 6] = [
         (&[0xb672, 0xbf00, 0xbf00, 0xbe00], 0, false),
         (&[0xb671, 0xbf00, 0xbf00, 0xbe00], 0, false),
@@ -215,7 +215,7 @@ fn masks_hold_back_interrupts_by_priority() {
 
 #[test]
 fn basepri_max_only_raises() {
-    // Writes r0 to r3 to BASEPRI_MAX in turn and reads BASEPRI after each.
+    // The program writes r0 to r3 to BASEPRI_MAX in turn and reads BASEPRI after each write.
     let mut machine = Machine::new(&[
         0xf380, 0x8812, // msr basepri_max, r0
         0xf3ef, 0x8411, // mrs r4, basepri

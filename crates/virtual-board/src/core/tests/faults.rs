@@ -32,11 +32,11 @@ fn usage_fault_status_shows_the_reason() {
     let programs: [(&[u16], u32); 6] = [
         // udf
         (&[0xde00], 1 << 16),
-        // vadd.f32 s0, s0, s0 with the unit off
+        // vadd.f32 s0, s0, s0 with the floating-point unit off
         (&[0xee30, 0x0a00], 1 << 19),
         // mrc p15, 0, r0, c0, c0, 0
         (&[0xee10, 0x0f10], 1 << 19),
-        // ldm r0, {r1, r2}; r0 is not a multiple of 4, here and below
+        // ldm r0, {r1, r2}; in this program and the next two, r0 is not a multiple of 4
         (&[0xe890, 0x0006], 1 << 24),
         // ldrd r1, r2, [r0]
         (&[0xe9d0, 0x1200], 1 << 24),
@@ -143,7 +143,7 @@ fn invalid_stack_causes_a_stacking_fault() {
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, 0x2000_0010);
     let stop = machine.run();
-    // The handler has no valid stack either, but its entry needs none: the frame is lost.
+    // The bus fault's handler is entered although its frame cannot be stored either.
     assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
     assert_eq!(machine.core.exception(), BUS);
     assert_eq!(machine.private(CFSR), 1 << 12);

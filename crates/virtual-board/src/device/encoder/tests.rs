@@ -37,7 +37,7 @@ impl Decoder {
 #[test]
 fn edges_occur_when_the_angle_reaches_them() {
     let mut encoder = Encoder::new(EncoderConfig::default());
-    // One revolution in 1/8.192 s is 67.1 edges in 1 ms; the first edge is half a count away.
+    // A revolution in 1/8.192 s is 67.1 edges in 1 ms; the first edge is half a count away.
     let speed = TAU * 8.192;
     encoder.motion(Time(0), 0.0, speed, 0.0);
     let period = 1e12 / (8192.0 * 8.192);
@@ -81,7 +81,7 @@ fn decoder_follows_every_motion() {
 #[test]
 fn wheel_that_reverses_between_two_edges_makes_no_edge() {
     let mut encoder = Encoder::new(EncoderConfig::default());
-    // Forward by 0.4 counts, then backward: the wheel reaches the lower edge, half a count below the start.
+    // The wheel turns forward by 0.4 counts and then backward, so its first edge is half a count below the start.
     let count = TAU / 8192.0;
     encoder.motion(Time(0), 0.0, 40.0 * count, -2000.0 * count);
     // x(t) = 40 t − 1000 t² = −0.5 at t = 0.02 + √(0.0004 + 0.0005) = 50 ms.

@@ -121,7 +121,7 @@ impl Bridge {
         (self.output_v + noise).clamp(0.0, self.supply_v)
     }
 
-    /// Updates the amplifier output after a change.
+    /// Computes the amplifier output after a change of strain, supply or fault.
     fn changed(&mut self) {
         let c = &self.config;
         self.strain += self.strain_slope * span_s(self.since, self.now);
@@ -188,7 +188,7 @@ mod tests {
         let mut bridge = noiseless();
         bridge.strain(Time(0), 1000e-6, 0.0);
         let share = bridge.sample(Time(100_000 * US)) / 3.3;
-        // Fraction of full scale above the middle, K·G·ε: 2.1·64·10⁻³.
+        // The output is above the middle by K·G·ε = 2.1·64·10⁻³ of full scale.
         assert!((share - 0.5 - 0.1344).abs() < 1e-9, "{share}");
         bridge.feed(Time(100_000 * US), 3.0, 3.3);
         let share = bridge.sample(Time(200_000 * US)) / 3.0;

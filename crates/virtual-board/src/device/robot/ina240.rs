@@ -16,9 +16,9 @@ use crate::time::Time;
 characteristics! {
     /// Characteristics of shunt and amplifier.
     pub struct AmplifierConfig {
-        /// Shunt, Ω.
+        /// Resistance of the shunt, Ω.
         pub shunt_ohm: f64 = 0.01;
-        /// Gain. INA240A1: 20.
+        /// Gain of the amplifier. INA240A1: 20.
         pub gain: f64 = 20.0;
         /// Relative error of shunt and gain. Default 0.
         pub gain_error: f64 = 0.0;
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn output_lags_a_ramp_by_the_time_constant() {
         let mut amplifier = noiseless();
-        // 5 A/ms over 0.398 µs: 2 mA, or 0.4 mV.
+        // A lag of 0.398 µs behind a ramp of 5 A/ms is 2 mA, or 0.4 mV at the output.
         let found = amplifier.output(Time::from_micros(50), 1.0, 5e3, QUIET, 3.3);
         assert!((found - 1.85 + 0.398e-3).abs() < 1e-6, "{found}");
     }

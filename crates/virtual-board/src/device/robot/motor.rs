@@ -18,12 +18,12 @@ characteristics! {
     }
 }
 
-/// Exact integrals over an interval.
+/// Exact integrals of a motor's current over an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// Duration, s.
+    /// Duration of the interval, s.
     pub span_s: f64,
-    /// ∫ i dt, A s.
+    /// Charge through the motor, ∫ i dt, A s.
     pub charge_as: f64,
     /// ∫ i² dt, A² s; times the resistance, heat in J.
     pub square_a2s: f64,
@@ -32,7 +32,7 @@ pub struct Work {
 }
 
 impl Work {
-    /// Mean current, A.
+    /// Mean motor current over the interval, A.
     pub fn mean_current_a(&self) -> f64 {
         self.mean(self.charge_as)
     }
@@ -54,7 +54,7 @@ impl Work {
 /// Constant source at the terminals: a voltage behind a resistance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Source {
-    /// Voltage, V.
+    /// Open-circuit voltage of the source, V.
     pub volts: f64,
     /// Resistance in series with the winding, Ω.
     pub ohms: f64,
@@ -101,7 +101,7 @@ impl Motor {
         self.slope_a_s
     }
 
-    /// Back EMF, V.
+    /// Back EMF at the present speed, V.
     pub(super) fn emf_v(&self) -> f64 {
         self.config.constant_nm_a * self.speed_rad_s
     }
@@ -122,7 +122,7 @@ impl Motor {
         self.open
     }
 
-    /// Final current with this source, A, and the time constant, s.
+    /// Final value of the current with this source, A, and time constant of the approach, s.
     fn limit(&self, source: Source) -> (f64, f64) {
         let ohms = self.config.resistance_ohm + source.ohms;
         (
@@ -141,7 +141,7 @@ impl Motor {
     pub(super) fn time_to(&self, level_a: f64, source: Source) -> f64 {
         let (limit, tau) = self.limit(source);
         let (from, to) = (self.current_a - limit, level_a - limit);
-        // The current moves towards the limit and not beyond.
+        // The current approaches its final value `limit` and never crosses it.
         if self.open || from * to <= 0.0 || to.abs() >= from.abs() {
             return f64::INFINITY;
         }

@@ -9,7 +9,7 @@ characteristics! {
         pub resistance_25_ohm: f64 = 10e3;
         /// B constant: slope of ln R over 1/T, K.
         pub b_k: f64 = 3950.0;
-        /// Pull-up resistor, Ω.
+        /// Resistance of the pull-up resistor, Ω.
         pub pull_up_ohm: f64 = 10e3;
         /// True if a lead is open.
         pub open: bool = false;

@@ -14,7 +14,7 @@ impl Controller {
         self.dominant = flag != Flag::Passive;
     }
 
-    /// Counts an error outside a flag and begins a flag with the next bit.
+    /// Counts an error that was detected outside an error flag, and begins an error flag with the next bit.
     pub(super) fn error(&mut self, kind: ErrorKind) {
         self.statistics.errors[kind as usize] += 1;
         let passive = self.passive();
@@ -24,7 +24,7 @@ impl Controller {
         } else if kind == ErrorKind::Acknowledgement && passive {
             self.uncounted_ack_error = true;
         } else if kind != ErrorKind::Stuff {
-            // A stuff error of a sender occurs in the arbitration field, where it is not counted.
+            // A sender detects a stuff error only in the arbitration field, where the standard does not count it.
             self.tec += 8;
         }
         self.failed(Some(kind));
@@ -33,7 +33,7 @@ impl Controller {
         self.limit();
     }
 
-    /// Adds 8 to the transmit counter of a sender or to the receive counter of a receiver; begins no flag.
+    /// Adds 8 to the transmit counter of a sender or to the receive counter of a receiver; begins no error flag.
     pub(super) fn count(&mut self) {
         if self.sender {
             self.tec += 8;
@@ -79,7 +79,7 @@ impl Controller {
         };
     }
 
-    /// A passive flag ends after six equal bits of either level.
+    /// Handles a bit of a passive error flag, which ends after six equal bits of either level.
     pub(super) fn passive_flag(&mut self, count: u8, dominant: bool) {
         let equal = count > 0 && dominant == self.flag_level;
         let count = if equal { count + 1 } else { 1 };

@@ -13,9 +13,9 @@ use crate::wire::statistics::Statistics;
 const IDLE_BITS: u8 = 11;
 /// Number of sequences of eleven recessive bits for recovery from bus-off.
 const RECOVERY: u8 = 128;
-/// Length of a flag, bits.
+/// Length of an error or overload flag, bits.
 const FLAG: u8 = 6;
-/// Length of a delimiter, bits.
+/// Length of the delimiter after an error or overload flag, bits.
 const DELIMITER: u8 = 8;
 /// Bits that an error-passive sender waits after the intermission.
 const SUSPEND: u8 = 8;
@@ -40,15 +40,15 @@ enum State {
     Out,
     /// Counts recessive bits before taking part.
     Joining(u8),
-    /// Bus-off: number of consecutive recessive bits, and number of sequences of eleven.
+    /// Bus-off: number of consecutive recessive bits, and number of completed sequences of eleven recessive bits.
     BusOff(u8, u8),
     /// The bus is idle.
     Idle,
     /// Sends or receives a frame.
     Frame,
-    /// Sends a flag: number of bits so far.
+    /// Sends an error or overload flag: number of bits so far.
     Flag(u8),
-    /// Waits for the end of the other nodes' flags: number of dominant bits so far, from 1 again after each eight.
+    /// Waits for the end of the other nodes' flags. Number of dominant bits so far; after 8 it restarts at 1.
     Await(u8),
     /// Number of recessive bits of a delimiter so far.
     Delimiter(u8),
@@ -58,7 +58,7 @@ enum State {
     Suspend(u8),
 }
 
-/// Purpose of a flag.
+/// Kind of the flag that the controller sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Flag {
     #[default]
@@ -80,7 +80,7 @@ pub(crate) struct Controller {
     settings: Option<Settings>,
     state: State,
     flag: Flag,
-    /// Latest level in a passive flag, which ends after six equal bits.
+    /// Latest level in a passive error flag, which ends after six equal bits.
     flag_level: bool,
     /// True if a passive sender met no acknowledgement. This error is counted only if the sender reads a dominant bit
     /// during its flag.
@@ -136,7 +136,7 @@ impl Controller {
         )
     }
 
-    /// True in the part of a frame that new requests cannot change.
+    /// True while no requested frame can begin: from the second bit of a frame on, and in flags and their delimiters.
     pub fn is_closed(&self) -> bool {
         match self.state {
             State::Frame => self.receiver.count() >= 2,
@@ -208,7 +208,7 @@ impl Controller {
         };
     }
 
-    /// Applies new settings.
+    /// Applies new settings, including joining and leaving the bus.
     pub fn set(&mut self, settings: Settings) {
         let was_in = self.is_in();
         match (was_in, settings.on) {
@@ -216,7 +216,7 @@ impl Controller {
                 self.settings = Some(settings);
                 self.leaving = false;
                 self.state = State::Joining(0);
-                // Leaving and rejoining is how a program starts recovery.
+                // Without automatic recovery, a program starts the recovery from bus-off by leaving and rejoining.
                 if self.tec >= OFF {
                     self.off = false;
                 }

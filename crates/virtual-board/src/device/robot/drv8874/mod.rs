@@ -28,9 +28,9 @@ use std::collections::VecDeque;
 /// A half bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
-    /// OUT1.
+    /// Half bridge of the output OUT1.
     One,
-    /// OUT2.
+    /// Half bridge of the output OUT2.
     Two,
 }
 
@@ -87,7 +87,7 @@ enum Power {
     Asleep,
     Waking(Time),
     Awake,
-    /// nSLEEP is low; the driver still works until this time.
+    /// nSLEEP is low; the driver works until this time.
     FallingAsleep(Time),
 }
 
@@ -224,7 +224,7 @@ impl Drv8874 {
         self.settle();
     }
 
-    /// Forces a fault report with the bridge off, from one time to another.
+    /// Forces nFAULT low and the bridge off between the times `from` and `to`.
     pub fn force_fault(&mut self, from: Time, to: Time) {
         self.forced = Some((from, to));
         self.settle();
@@ -264,7 +264,7 @@ impl Drv8874 {
         self.edge
     }
 
-    /// Integrals of the motor since the latest call.
+    /// Integrals of the motor's current since the latest call.
     pub fn take_work(&mut self, at: Time) -> Work {
         self.advance(at);
         self.motor.take_work()
@@ -337,7 +337,7 @@ impl Drv8874 {
         }
     }
 
-    /// Advances under constant conditions.
+    /// Advances the motor to a time before which no transistor switches and neither supply nor speed changes.
     fn integrate(&mut self, to: Time) {
         if to <= self.now {
             return;
@@ -359,7 +359,7 @@ impl Drv8874 {
             } else if current < 0.0 || backward.volts < emf {
                 backward
             } else {
-                // Neither diode conducts.
+                // Neither diode conducts, so the current stays 0.
                 self.motor.idle(span);
                 break;
             };

@@ -68,7 +68,7 @@ characteristics! {
 /// True motion of the sensor in its own axes, with derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Angular rates, rad/s.
+    /// Angular rates about the sensor's axes, rad/s.
     pub rate: [f64; 3],
     /// Derivatives of the angular rates, rad/s².
     pub rate_slope: [f64; 3],
@@ -225,7 +225,7 @@ impl Icm42688 {
     pub fn exchange(&mut self, byte: u8, at: Time) -> u8 {
         self.advance(at);
         let answer = match self.transfer {
-            // The sensor does not drive the line.
+            // While the sensor does not drive the line, the master reads ones.
             Transfer::Idle => return 0xff,
             Transfer::Address => {
                 let address = byte & 0x7f;

@@ -25,7 +25,7 @@ pub(super) struct Errors {
     pub scale: [f64; 3],
 }
 
-/// Register settings.
+/// Settings of a signal path, decoded from the registers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Settings {
     pub rate_hz: f64,
@@ -117,7 +117,7 @@ impl Path {
         }
     }
 
-    /// Applies other settings; a running path continues with them.
+    /// Applies new settings; a running path continues with the new settings.
     pub fn set(&mut self, settings: Settings, at: Time) {
         if settings == self.settings {
             return;

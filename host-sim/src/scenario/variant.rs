@@ -1,8 +1,8 @@
 //! Configurations of sensors and fusion.
 
+use crate::scenario::Scenario;
+use crate::scenario::effect::Taken;
 use core_algos::fusion::robot::Mode;
-use host_sim::scenario::Scenario;
-use host_sim::scenario::effect::Taken;
 
 /// Configuration of sensors and fusion, one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,8 +86,8 @@ impl Variant {
         format!("{}, {}", self.sensors(), self.fusion())
     }
 
-    /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres
-    /// decides it.
+    /// True if the 95 % error is only an upper bound: without gauges and gyros, assumed errors of the tyres determine
+    /// the covariance, not measurements.
     pub fn is_bound(&self) -> bool {
         !self.rps && !self.imu
     }

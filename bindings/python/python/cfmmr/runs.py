@@ -1,0 +1,171 @@
+"""Trials of posture regulation, their logs and tables."""
+
+import json
+import os
+import re
+from collections.abc import Iterable
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+
+from . import _native
+from ._native import InputError, Scenario
+
+_INDEX = re.compile(r"\[(\d+)\]")
+_POSTURE = ("x_m", "y_m", "phi_rad")
+
+
+class Log(dict[str, np.ndarray]):
+    """Columns of a run by name, a row an epoch of 10 ms.
+
+    Lists and matrices are one array, for example `log["lead.robot.covariance"]` of shape (n, 3, 3). A posture is one
+    array too: `log["truth.robot"]` of shape (n, 3), m, m, rad. NaN where a value is unknown. `cfmmr topics` prints unit
+    and meaning of each column.
+    """
+
+    def flat(self) -> dict[str, np.ndarray]:
+        """Columns of one dimension, with the names of `cfmmr posture --csv`."""
+        columns = {}
+        for name, values in self.items():
+            for index in np.ndindex(values.shape[1:]):
+                columns[self._names[name][index]] = values[(slice(None), *index)]
+        return columns
+
+    @classmethod
+    def of(cls, columns: dict[str, np.ndarray]) -> "Log":
+        """A log of columns as `flat` gives them."""
+        log = cls()
+        groups: dict[str, list[tuple[tuple[int, ...], str]]] = {}
+        for name in columns:
+            base, index = _place(name)
+            groups.setdefault(base, []).append((index, name))
+        log._names = {}
+        for base, members in groups.items():
+            shape = tuple(max(index[k] for index, _ in members) + 1 for k in range(len(members[0][0])))
+            first = np.asarray(columns[members[0][1]])
+            names = np.empty(shape, dtype=object)
+            values = np.empty((len(first), *shape), dtype=first.dtype if not shape else np.float64)
+            for index, name in members:
+                values[(slice(None), *index)] = columns[name]
+                names[index] = name
+            log[base], log._names[base] = values, names
+        return log
+
+
+def _place(name: str) -> tuple[str, tuple[int, ...]]:
+    """Name of the array that holds a column, and the place in it."""
+    indices = tuple(int(number) for number in _INDEX.findall(name))
+    if indices:
+        return name[: name.index("[")], indices
+    base, _, end = name.rpartition(".")
+    return (base, (_POSTURE.index(end),)) if base and end in _POSTURE else (name, ())
+
+
+def run(scenario: Scenario, seed: int, trial: int = 0) -> tuple[Log, dict[str, Any]]:
+    """Trial `trial` of `cfmmr posture --seed SEED` in a scenario.
+
+    Returns its log and its end: kind of the end, final errors and estimate, as in trials.csv.
+    """
+    columns, end = _native.run_columns(scenario, seed, trial)
+    return Log.of({name: np.asarray(values) for name, values in columns.items()}), end
+
+
+def trials(seed: int, count: int) -> list[tuple[int, int]]:
+    """Trials 0 to count - 1 of a seed, for `run_many`."""
+    return [(seed, trial) for trial in range(count)]
+
+
+def run_many(
+    scenarios: Scenario | Iterable[Scenario],
+    trials: Iterable[tuple[int, int] | int],
+    threads: int | None = None,
+    executor: Executor | None = None,
+    block: int = 8,
+) -> dict[str, np.ndarray]:
+    """Table of trials by column, a row a trial: all trials of the first scenario, then of the next.
+
+    Each trial is a pair (seed, trial), or a seed alone for its trial 0. They run on `threads` threads (by default one a
+    core), or in blocks of `block` trials on an executor of `concurrent.futures`, whose workers need this package. Neither
+    changes a bit of the result.
+    """
+    scenarios = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
+    pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
+    if not scenarios or not pairs:
+        raise _refused("trials", f"{len(scenarios)} scenarios, {len(pairs)} trials", "at least one of each")
+    if executor is None:
+        threads = (os.cpu_count() or 1) if threads is None else threads
+        if threads < 1:
+            raise _refused("threads", threads, "a whole number of at least 1")
+        return _arrays(_native.run_rows(scenarios, pairs, threads))
+    if threads is not None:
+        raise _refused("threads", threads, "None with an executor, which has its own workers")
+    if block < 1:
+        raise _refused("block", block, "a whole number of at least 1")
+    blocks = [pairs[first : first + block] for first in range(0, len(pairs), block)]
+    jobs = [executor.submit(_native.run_rows, [scenario], part, 1) for scenario in scenarios for part in blocks]
+    try:
+        tables = [_arrays(job.result()) for job in jobs]
+    except BaseException:
+        for job in jobs:
+            job.cancel()
+        raise
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def _arrays(table: dict[str, Any]) -> dict[str, np.ndarray]:
+    return {name: np.asarray(values) for name, values in table.items()}
+
+
+def _refused(field: str, value: object, allowed: str) -> InputError:
+    error = InputError(f"{field} = {value}: must be {allowed}")
+    error.field, error.value, error.allowed = field, str(value), allowed
+    return error
+
+
+def summary(table: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """Rows of the paper's Table 1: number, mean and standard deviation of e (m), θ and α (rad), and ends by kind.
+
+    A row for each sensor set and fusion of the table, in its order.
+    """
+    rows = []
+    sets = list(zip(table["rps"], table["imu"], table["fusion"]))
+    for rps, imu, fusion in dict.fromkeys(sets):
+        here = [one == (rps, imu, fusion) for one in sets]
+        row: dict[str, Any] = {"rps": bool(rps), "imu": bool(imu), "fusion": str(fusion), "trials": sum(here)}
+        for name in ("e_m", "theta_rad", "alpha_rad"):
+            values = table[name][here]
+            row[name] = float(values.mean())
+            row[f"{name}_sd"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+        kinds, counts = np.unique(table["end"][here], return_counts=True)
+        row["ends"] = dict(zip(kinds.tolist(), counts.tolist()))
+        rows.append(row)
+    return rows
+
+
+def frame(columns: dict[str, Any] | list[dict[str, Any]], library: str = "pandas") -> Any:
+    """A table, a log or the rows of a summary as a frame of pandas or polars."""
+    if library not in ("pandas", "polars"):
+        raise _refused("library", library, "pandas or polars")
+    columns = columns.flat() if isinstance(columns, Log) else columns
+    if library == "polars":
+        import polars
+
+        return polars.DataFrame(columns)
+    import pandas
+
+    return pandas.DataFrame(columns)
+
+
+def drawn(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
+    """Errors of the robot that is drawn for a seed and a trial: wheels, sensors, gauges, plant, placement."""
+    return json.loads(_native.drawn_json(scenario, seed, trial))
+
+
+def drawn_plant(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
+    """What a model of the drawn robot needs: constants of the plant, true start, true places of the gauges.
+
+    Keys: plant (keys of the table `plant`, with an entry for each axle), start (m, m, rad), gauges_m (by frame, from the
+    root of the strip, m), half_thickness_m (strain over curvature, m).
+    """
+    return json.loads(_native.drawn_plant_json(scenario, seed, trial))

@@ -1,0 +1,252 @@
+//! The simulated plant, stepped from Python.
+
+use crate::arrays;
+use crate::errors::{of, refused};
+use crate::scenario::Scenario;
+use host_sim::run::robot::{FRAME_POINTS, outlines};
+use host_sim::run::simulation::DrawnPlant;
+use host_sim::world::sensors::Truth;
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use plant::Outline;
+use pyo3::prelude::*;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Adds the class to the module.
+pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Plant>()
+}
+
+/// Values of an axle among the sensed values.
+pub const PER_AXLE: usize = 4;
+
+/// Number of sensed values: four an axle, then the strains of each frame.
+pub fn sensed_count(truth: &Truth) -> usize {
+    PER_AXLE * truth.axles.len() + truth.strains.iter().map(Vec::len).sum::<usize>()
+}
+
+/// Names of the sensed values with their units.
+pub fn sensed_names(truth: &Truth) -> Vec<String> {
+    let axle = |axle: usize| {
+        ["left_rad", "right_rad", "yaw_rate_rad_s", "forward_m_s2"]
+            .map(|name| format!("axle{axle}.{name}"))
+    };
+    let frames = truth.strains.iter().enumerate();
+    let strains = frames.flat_map(|(frame, strains)| {
+        (0..strains.len()).map(move |gauge| format!("frame{frame}.strain[{gauge}]"))
+    });
+    (0..truth.axles.len())
+        .flat_map(axle)
+        .chain(strains)
+        .collect()
+}
+
+struct State {
+    drawn: DrawnPlant,
+    truth: Truth,
+    outlines: Vec<Outline>,
+    ticks: u64,
+}
+
+/// Simulated plant of the robot that is drawn for a seed and a trial, at rest at its true start.
+///
+/// Sensed values, in the order of `sensed_names`: for each axle the angles of the left and the right motor (rad, at the
+/// wheel), the yaw rate (rad/s) and the forward specific force (m/s²); then for each frame the strains at the true
+/// places of its gauges, from the root.
+#[pyclass(frozen, module = "cfmmr")]
+pub struct Plant {
+    // Boxed: a plant is aligned to 32 bytes, an object of Python to 16.
+    state: Mutex<Box<State>>,
+}
+
+impl Plant {
+    fn state(&self) -> MutexGuard<'_, Box<State>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Wheel torques, `[axle][left, right]`, N m. A value that is not finite stays: the plant takes it as zero.
+fn torques(value: &Bound<'_, PyAny>, axles: usize) -> PyResult<Vec<[f64; 2]>> {
+    let numbers = arrays::any_numbers("torque", value, &[Some(axles), Some(2)])?;
+    Ok(numbers.as_chunks::<2>().0.to_vec())
+}
+
+#[pymethods]
+impl Plant {
+    #[new]
+    #[pyo3(signature = (scenario, seed, trial=0))]
+    fn new(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<Self> {
+        let scenario = &scenario.inner;
+        let imperfections = scenario.world.draw(scenario.robot.topology(), seed, trial);
+        let drawn = DrawnPlant::new(scenario, &imperfections).map_err(|error| of(&error))?;
+        let state = State {
+            truth: drawn.no_truth(),
+            outlines: outlines(&drawn.plant),
+            drawn,
+            ticks: 0,
+        };
+        Ok(Self {
+            state: Mutex::new(Box::new(state)),
+        })
+    }
+
+    /// Writes the sensed values into `out`, float64 of shape (sensed_count,).
+    fn sensed_into(&self, out: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut state = self.state();
+        let State { drawn, truth, .. } = &mut **state;
+        drawn.measure(truth);
+        let axles = truth.axles.iter().flat_map(|axle| {
+            let [left, right] = axle.wheel_angle;
+            [left, right, axle.yaw_rate, axle.forward_acceleration]
+        });
+        let values = axles.chain(truth.strains.iter().flatten().copied());
+        arrays::write("out", out, &[sensed_count(truth)], values)
+    }
+
+    /// Number of sensed values.
+    #[getter]
+    fn sensed_count(&self) -> usize {
+        sensed_count(&self.state().truth)
+    }
+
+    /// Names of the sensed values with their units.
+    #[getter]
+    fn sensed_names(&self) -> Vec<String> {
+        sensed_names(&self.state().truth)
+    }
+
+    /// Advances by 1 ms with wheel torques, shape (axles, 2): left and right, N m.
+    fn step_with(&self, torque: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut state = self.state();
+        let torque = torques(torque, state.truth.axles.len())?;
+        state.drawn.plant.step(&torque);
+        state.ticks += 1;
+        Ok(())
+    }
+
+    /// Advances by `count` ms with constant wheel torques, shape (axles, 2): left and right, N m.
+    fn steps(&self, py: Python<'_>, count: u64, torque: &Bound<'_, PyAny>) -> PyResult<()> {
+        const BETWEEN_SIGNALS: u64 = 10_000;
+        let torque = torques(torque, self.state().truth.axles.len())?;
+        let mut left = count;
+        while left > 0 {
+            let now = left.min(BETWEEN_SIGNALS);
+            py.detach(|| {
+                let mut state = self.state();
+                for _ in 0..now {
+                    state.drawn.plant.step(&torque);
+                }
+                state.ticks += now;
+            });
+            left -= now;
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// Places the robot at rest with its midpoint at a posture: m, m, rad.
+    fn place(&self, midpoint: &Bound<'_, PyAny>) -> PyResult<()> {
+        let midpoint = arrays::vector("midpoint", midpoint)?;
+        let mut state = self.state();
+        state.drawn.plant.place(midpoint);
+        state.ticks = 0;
+        Ok(())
+    }
+
+    /// Lifts a wheel off the floor: number of the axle, then 0 for left or 1 for right.
+    fn lift_wheel(&self, axle: usize, side: usize) -> PyResult<()> {
+        let mut state = self.state();
+        let axles = state.truth.axles.len();
+        if axle >= axles {
+            let allowed = format!("a number from 0 to {}", axles - 1);
+            return Err(refused("axle", axle, allowed));
+        }
+        if side > 1 {
+            return Err(refused("side", side, "0 or 1"));
+        }
+        state.drawn.plant.lift_wheel(axle, side);
+        Ok(())
+    }
+
+    /// Breaks a frame.
+    fn snap_frame(&self, frame: usize) -> PyResult<()> {
+        let mut state = self.state();
+        let frames = state.truth.strains.len();
+        if frame >= frames {
+            let allowed = format!("a number from 0 to {}", frames - 1);
+            return Err(refused("frame", frame, allowed));
+        }
+        state.drawn.plant.snap_frame(frame);
+        Ok(())
+    }
+
+    /// Time since the start, s.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.state().ticks as f64 * plant::TICK_S
+    }
+
+    /// True posture of the midpoint, shape (3,): m, m, rad.
+    #[getter]
+    fn midpoint<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        arrays::row(py, self.state().drawn.plant.midpoint().to_vec())
+    }
+
+    /// True postures of the axles, front first, shape (axles, 3): m, m, rad.
+    #[getter]
+    fn axles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let state = self.state();
+        let axles = state.drawn.plant.axles().iter();
+        arrays::rows(py, &axles.map(|axle| axle.posture).collect::<Vec<_>>())
+    }
+
+    /// Velocities of the axles, shape (axles, 3): forward and to the left, m/s; yaw rate, rad/s.
+    #[getter]
+    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let state = self.state();
+        let axles = state.drawn.plant.axles().iter();
+        arrays::rows(py, &axles.map(|axle| axle.velocity).collect::<Vec<_>>())
+    }
+
+    /// Wheel speeds, shape (axles, 2): left and right, rad/s.
+    #[getter]
+    fn wheel_speeds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let state = self.state();
+        let axles = state.drawn.plant.axles().iter();
+        arrays::rows(py, &axles.map(|axle| axle.wheel_speed).collect::<Vec<_>>())
+    }
+
+    /// Postures of each axle in the frame of the axle behind it, shape (frames, 3): m, m, rad.
+    #[getter]
+    fn relative<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let state = self.state();
+        let plant = &state.drawn.plant;
+        let frames = (0..plant.frame_count()).map(|frame| plant.relative_posture(frame));
+        arrays::rows(py, &frames.collect::<Vec<_>>())
+    }
+
+    /// Wrench of each frame on the axle behind it, in the coordinates of that axle, shape (frames, 4): force forward
+    /// and to the left (N), moment at the root and at the tip (N m).
+    #[getter]
+    fn wrenches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let state = self.state();
+        let plant = &state.drawn.plant;
+        let wrench = |frame| {
+            let wrench = plant.wrench(frame);
+            let [x, y] = wrench.force;
+            [x, y, wrench.root_moment, wrench.end_moment]
+        };
+        let wrenches = (0..plant.frame_count()).map(wrench);
+        arrays::rows(py, &wrenches.collect::<Vec<_>>())
+    }
+
+    /// Points of the bent frames from root to tip, shape (frames, 13, 2), m.
+    fn frame_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let state = self.state();
+        let mut points = vec![[[0.0; 2]; FRAME_POINTS]; state.outlines.len()];
+        for (outline, points) in state.outlines.iter().zip(&mut points) {
+            state.drawn.plant.draw(outline, points);
+        }
+        let flat = points.as_flattened().as_flattened().to_vec();
+        arrays::row(py, flat).reshape([points.len(), FRAME_POINTS, 2])
+    }
+}

@@ -1,0 +1,264 @@
+//! Whole trials: one with its log, or many on threads.
+
+use crate::arrays;
+use crate::errors::{RunError, of};
+use crate::scenario::Scenario;
+use host_sim::base::error::Error;
+use host_sim::run::regulate::{Outcome, regulate_on};
+use host_sim::run::robot::{Record, Robot};
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::variant::Variant;
+use output::files::Cell;
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use recording::csv;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use std::{iter, thread};
+
+/// Epochs between two looks for a signal such as Ctrl-C: 1 s of simulated time.
+const SIGNAL_EPOCHS: u32 = 100;
+/// Time between two looks for a signal while threads run trials.
+const SIGNAL_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Adds the functions to the module.
+pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(run_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(run_rows, module)?)
+}
+
+/// Columns of a table.
+#[derive(Default)]
+struct Columns {
+    names: Vec<String>,
+    columns: Vec<Column>,
+}
+
+/// Values of a column. A column of whole numbers stays whole; an empty cell is NaN or an empty text.
+enum Column {
+    Numbers { values: Vec<f64>, whole: bool },
+    Words(Vec<String>),
+}
+
+impl Columns {
+    fn new(names: Vec<String>) -> Self {
+        Self {
+            names,
+            columns: Vec::new(),
+        }
+    }
+
+    fn push(&mut self, cells: impl Iterator<Item = Cell>) {
+        if self.columns.is_empty() {
+            let empty = |cell| {
+                let mut column = match cell {
+                    Cell::Text(_) => Column::Words(Vec::new()),
+                    _ => Column::Numbers {
+                        values: Vec::new(),
+                        whole: true,
+                    },
+                };
+                column.push(cell);
+                column
+            };
+            self.columns = cells.map(empty).collect();
+            return;
+        }
+        for (column, cell) in self.columns.iter_mut().zip(cells) {
+            column.push(cell);
+        }
+    }
+
+    fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+        let dict = PyDict::new(py);
+        for (name, column) in self.names.into_iter().zip(self.columns) {
+            let values = match column {
+                Column::Words(words) => words.into_bound_py_any(py)?,
+                Column::Numbers {
+                    values,
+                    whole: true,
+                } => {
+                    let whole = values.iter().map(|&value| value as i64);
+                    arrays::row(py, whole.collect()).into_any()
+                }
+                Column::Numbers { values, .. } => arrays::row(py, values).into_any(),
+            };
+            dict.set_item(name, values)?;
+        }
+        Ok(dict)
+    }
+}
+
+impl Column {
+    fn push(&mut self, cell: Cell) {
+        match self {
+            Self::Words(words) => words.push(cell.to_string()),
+            Self::Numbers { values, whole } => {
+                let number = match cell {
+                    Cell::Double(value) => value,
+                    Cell::Single(value) => value.into(),
+                    Cell::Integer(value) => {
+                        values.push(value as f64);
+                        return;
+                    }
+                    Cell::Text(_) | Cell::Empty => f64::NAN,
+                };
+                *whole = false;
+                values.push(number);
+            }
+        }
+    }
+}
+
+/// Value of a cell; an empty cell is NaN.
+pub fn python_cell(py: Python<'_>, cell: Cell) -> PyResult<Bound<'_, PyAny>> {
+    match cell {
+        Cell::Double(value) => value.into_bound_py_any(py),
+        Cell::Single(value) => value.into_bound_py_any(py),
+        Cell::Integer(value) => value.into_bound_py_any(py),
+        Cell::Text(value) => value.into_bound_py_any(py),
+        Cell::Empty => f64::NAN.into_bound_py_any(py),
+    }
+}
+
+/// Row of an outcome, as in trials.csv of `cfmmr posture`.
+fn row(scenario: &Scenario, trial: u64, outcome: &Outcome) -> Vec<(&'static str, Cell)> {
+    let goal = scenario.inner.mission.goal;
+    let variant = Variant::of(&scenario.inner);
+    csv::of_trial(&variant, trial as usize, outcome, goal).into_cells()
+}
+
+/// Log and end of a trial.
+#[pyfunction]
+fn run_columns<'py>(
+    py: Python<'py>,
+    scenario: &Scenario,
+    seed: u64,
+    trial: u64,
+) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let ran = py.detach(|| -> Result<_, PyErr> {
+        let mut log = Columns::new(csv::record_columns());
+        let rows = csv::RecordRows::default();
+        let mut robot = Simulation::new(&scenario.inner, seed, trial).map_err(|it| of(&it))?;
+        let interrupt = Arc::new(AtomicBool::new(false));
+        robot.control_mut().interrupt = Some(interrupt.clone());
+        let (mut signal, mut epochs) = (Ok(()), 0);
+        let observe = |record: &Record| {
+            log.push(rows.cells(record));
+            epochs += 1;
+            if epochs % SIGNAL_EPOCHS == 0 && signal.is_ok() {
+                signal = Python::attach(|py| py.check_signals());
+                interrupt.store(signal.is_err(), Relaxed);
+            }
+        };
+        let outcome = regulate_on(&mut robot, &scenario.inner, observe);
+        signal?;
+        Ok((log, outcome.map_err(|it| of(&it))?))
+    });
+    let (log, outcome) = ran?;
+    let end = PyDict::new(py);
+    for (name, cell) in row(scenario, trial, &outcome) {
+        end.set_item(name, python_cell(py, cell)?)?;
+    }
+    Ok((log.into_dict(py)?, end))
+}
+
+/// Table of trials, a row a trial: all trials of the first scenario, then of the next.
+#[pyfunction]
+fn run_rows<'py>(
+    py: Python<'py>,
+    scenarios: Vec<Bound<'py, Scenario>>,
+    trials: Vec<(u64, u64)>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyDict>> {
+    let scenarios: Vec<Scenario> = scenarios.iter().map(|it| it.get().clone()).collect();
+    let count = scenarios.len() * trials.len();
+    let outcomes = py.detach(|| {
+        run_all(count, threads, |k, interrupt| {
+            let (seed, trial) = trials[k % trials.len()];
+            let scenario = &scenarios[k / trials.len()].inner;
+            let mut robot = Simulation::new(scenario, seed, trial)?;
+            robot.control_mut().interrupt = Some(interrupt.clone());
+            regulate_on(&mut robot, scenario, |_| ())
+        })
+    })?;
+    let mut table = Columns::default();
+    for (k, outcome) in outcomes.iter().enumerate() {
+        let (seed, trial) = trials[k % trials.len()];
+        let scenario = &scenarios[k / trials.len()];
+        let cells = row(scenario, trial, outcome);
+        if table.names.is_empty() {
+            let names = cells.iter().map(|(name, _)| (*name).to_owned());
+            table.names = iter::once("seed".to_owned()).chain(names).collect();
+        }
+        let seed = iter::once(Cell::Integer(seed as i64));
+        table.push(seed.chain(cells.into_iter().map(|(_, cell)| cell)));
+    }
+    table.into_dict(py)
+}
+
+/// Results of `count` jobs in order, on `threads` threads. A signal or the first error ends all jobs.
+fn run_all(
+    count: usize,
+    threads: usize,
+    job: impl Fn(usize, &Arc<AtomicBool>) -> Result<Outcome, Error> + Sync,
+) -> PyResult<Vec<Outcome>> {
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let next = AtomicUsize::new(0);
+    let results: Mutex<Vec<Option<Result<Outcome, Error>>>> =
+        Mutex::new((0..count).map(|_| None).collect());
+    let (ended, wait) = mpsc::channel::<()>();
+    let mut signal = Ok(());
+    thread::scope(|scope| {
+        for _ in 0..threads.min(count) {
+            let ended = ended.clone();
+            let (job, next, results, interrupt) = (&job, &next, &results, &interrupt);
+            scope.spawn(move || {
+                // Held until this thread ends.
+                let _ended = ended;
+                while !interrupt.load(Relaxed) {
+                    let k = next.fetch_add(1, Relaxed);
+                    if k >= count {
+                        break;
+                    }
+                    let result = job(k, interrupt);
+                    if result.is_err() {
+                        interrupt.store(true, Relaxed);
+                    }
+                    let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
+                    results[k] = Some(result);
+                }
+            });
+        }
+        drop(ended);
+        while wait.recv_timeout(SIGNAL_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+            if signal.is_ok() {
+                signal = Python::attach(|py| py.check_signals());
+                if signal.is_err() {
+                    interrupt.store(true, Relaxed);
+                }
+            }
+        }
+    });
+    signal?;
+    let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut error = None;
+    let mut outcomes = Vec::new();
+    for result in results {
+        match result {
+            Some(Ok(outcome)) => outcomes.push(outcome),
+            Some(Err(found)) => {
+                error.get_or_insert(found);
+            }
+            None => {}
+        }
+    }
+    match error {
+        Some(error) => Err(of(&error)),
+        None if outcomes.len() < count => Err(RunError::new_err("interrupted")),
+        None => Ok(outcomes),
+    }
+}
