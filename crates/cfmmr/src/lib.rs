@@ -164,8 +164,8 @@ mod tests {
         run(&typed(folder.path(), line), &own).unwrap();
         // Two rows of two trials; the median is the first trial, or is driven again.
         assert!(made.load(Relaxed) >= 4);
-        let result = read("posture/result.json");
-        assert!(result.contains("\"own\":[\"controller\"]") || result.contains("\"controller\""));
+        let result: serde_json::Value = serde_json::from_str(&read("posture/result.json")).unwrap();
+        assert_eq!(result["run"]["own"], serde_json::json!(["controller"]));
         assert!(read("posture/report.html").contains("user's controller"));
 
         let study = "name = \"test\"\ntrials = 2\n[scenario.mission]\nstart = [-0.4, 0.0, 0.0]\n";
@@ -176,7 +176,9 @@ mod tests {
         assert!(read("study/study.toml").contains("own = [\"controller\"]"));
         let merge = typed(folder.path(), "campaign merge OUT/study");
         run(&merge, &Own::default()).unwrap();
-        assert!(read("study/merged/result.json").contains("\"own\""));
+        let result: serde_json::Value =
+            serde_json::from_str(&read("study/merged/result.json")).unwrap();
+        assert_eq!(result["own"], serde_json::json!(["controller"]));
         // A program without the controller does not add runs.
         let built_in = Own::default();
         let error = run(&typed(folder.path(), line), &built_in).unwrap_err();
