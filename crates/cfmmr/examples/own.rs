@@ -12,6 +12,7 @@ use core_algos::fusion::compound::Chain;
 use core_algos::fusion::estimator::{Estimator, EstimatorOutput};
 use core_algos::fusion::robot::{Inputs, PairAxle};
 use core_algos::math::Posture;
+use core_algos::math::trig::{sin_cos, sqrt};
 use host_sim::scenario::own::Own;
 use std::process::ExitCode;
 
@@ -43,7 +44,7 @@ impl Blend {
 
 /// Posture shifted by `share` of a difference along the axes of the heading `along`.
 fn shifted(at: Posture, along: f32, [x, y, turn]: [f32; 3], share: f32) -> Posture {
-    let (sin, cos) = along.sin_cos();
+    let (sin, cos) = sin_cos(along);
     Posture::new(
         at.x + share * (cos * x - sin * y),
         at.y + share * (sin * x + cos * y),
@@ -56,7 +57,7 @@ impl Estimator for Blend {
         *self = Self {
             front: Chain::front_from_midpoint(center.posture, relative.posture).posture,
             rear: Chain::rear_from_midpoint(center.posture, relative.posture).posture,
-            placed: [0, 1, 2].map(|k| center.covariance[k][k].sqrt()),
+            placed: [0, 1, 2].map(|k| sqrt(center.covariance[k][k])),
             distance: 0.0,
         };
     }
