@@ -62,10 +62,7 @@ fn estimate(
 }
 
 /// Posture and covariance as arrays of shape (3,) and (3, 3).
-fn pair<'py>(
-    py: Python<'py>,
-    estimate: &Estimate,
-) -> PyResult<(Row<'py>, Rows<'py>)> {
+fn pair<'py>(py: Python<'py>, estimate: &Estimate) -> PyResult<(Row<'py>, Rows<'py>)> {
     let posture: [f32; 3] = estimate.posture.into();
     let posture = arrays::row(py, posture.map(f64::from).to_vec());
     Ok((posture, rows(py, &estimate.covariance)?))
@@ -171,11 +168,7 @@ impl StrainFit {
     }
 
     /// Postures of many sets of strains, shape (n, gauges) to (n, 3): m, m, rad. NaN where no posture fits.
-    fn postures<'py>(
-        &self,
-        py: Python<'py>,
-        strain: &Bound<'_, PyAny>,
-    ) -> PyResult<Rows<'py>> {
+    fn postures<'py>(&self, py: Python<'py>, strain: &Bound<'_, PyAny>) -> PyResult<Rows<'py>> {
         let strain = arrays::numbers("strain", strain, &[None, Some(self.gauges)])?;
         self.check(&strain)?;
         let postures = py.detach(|| {
@@ -473,28 +466,19 @@ impl Fusion {
 
     /// Midpoint: posture, shape (3,), m, m, rad, and covariance, shape (3, 3).
     #[getter]
-    fn robot<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Row<'py>, Rows<'py>)> {
+    fn robot<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.robot)
     }
 
     /// Front axle: posture, shape (3,), m, m, rad, and covariance, shape (3, 3); zero before the first step.
     #[getter]
-    fn front<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Row<'py>, Rows<'py>)> {
+    fn front<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.front)
     }
 
     /// Rear axle: posture, shape (3,), m, m, rad, and covariance, shape (3, 3); zero before the first step.
     #[getter]
-    fn rear<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Row<'py>, Rows<'py>)> {
+    fn rear<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.rear)
     }
 }

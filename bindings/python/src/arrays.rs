@@ -268,10 +268,7 @@ pub fn row<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>>
 }
 
 /// New array of two dimensions.
-pub fn rows<'py, T, const N: usize>(
-    py: Python<'py>,
-    rows: &[[T; N]],
-) -> PyResult<Rows<'py>>
+pub fn rows<'py, T, const N: usize>(py: Python<'py>, rows: &[[T; N]]) -> PyResult<Rows<'py>>
 where
     T: Copy + Into<f64>,
 {

@@ -42,14 +42,20 @@ impl Failure {
     }
 
     fn set(&self, exception: PyErr) {
-        let mut first = self.exception.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut first = self
+            .exception
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         first.get_or_insert(exception);
         self.interrupt.store(true, Relaxed);
     }
 
     /// The exception, if there was one.
     pub fn check(&self) -> PyResult<()> {
-        let mut first = self.exception.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut first = self
+            .exception
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         first.take().map_or(Ok(()), Err)
     }
 
@@ -72,11 +78,6 @@ pub struct Makers {
 }
 
 impl Makers {
-    /// True without parts of the user.
-    pub fn is_empty(&self) -> bool {
-        self.controller.is_none() && self.estimator.is_none()
-    }
-
     /// The parts for the scenario of a run.
     pub fn own(self, failure: &Failure) -> Own {
         let mut own = Own::default();
@@ -188,9 +189,8 @@ fn estimates(result: &Bound<'_, PyAny>) -> PyResult<EstimatorOutput> {
     let covariances = arrays::any_numbers("covariances", &covariances, &[three; 3])?;
     let estimate = |k: usize| {
         let posture: [f32; 3] = std::array::from_fn(|i| postures[3 * k + i] as f32);
-        let covariance = std::array::from_fn(|i| {
-            std::array::from_fn(|j| covariances[9 * k + 3 * i + j] as f32)
-        });
+        let covariance =
+            std::array::from_fn(|i| std::array::from_fn(|j| covariances[9 * k + 3 * i + j] as f32));
         Estimate::new(posture.into(), covariance)
     };
     Ok(EstimatorOutput {
