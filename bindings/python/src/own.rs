@@ -4,6 +4,7 @@
 //! brakes, and the estimator has no estimate.
 
 use crate::arrays::{self, Row, Rows};
+use crate::errors::refused;
 use core_algos::control::controller::{ControllerOutput, KinematicController};
 use core_algos::control::regulator::Input;
 use core_algos::fusion::Estimate;
@@ -127,6 +128,12 @@ struct ControllerInput {
     tolerance: (f32, f32),
 }
 
+/// Exception for what a method of the user returned.
+fn returned(method: &str, result: &Bound<'_, PyAny>, wanted: &str) -> PyErr {
+    let found = result.get_type().to_string();
+    refused(format!("result of {method}"), found, wanted)
+}
+
 fn array(py: Python<'_>, posture: Posture) -> Row<'_> {
     let posture: [f32; 3] = posture.into();
     arrays::row(py, posture.map(f64::from).to_vec())
@@ -150,8 +157,14 @@ impl KinematicController for Part {
                 speed_m_s: input.speed_m_s,
                 tolerance: (input.within.position_m, input.within.heading_rad),
             };
-            let (v, kappa, done): (f64, f64, bool) =
-                object.call_method1("step", (input,))?.extract()?;
+            let result = object.call_method1("step", (input,))?;
+            let Ok((v, kappa, done)) = result.extract::<(f64, f64, bool)>() else {
+                return Err(returned(
+                    "controller.step",
+                    &result,
+                    "a tuple of velocity (m/s), curvature (1/m) and done (bool)",
+                ));
+            };
             Ok(ControllerOutput {
                 v: v as f32,
                 kappa: kappa as f32,
@@ -183,7 +196,14 @@ fn pair(py: Python<'_>, estimate: &Estimate) -> PyResult<Pair> {
 
 /// Estimates from postures of shape (3, 3) and covariances of shape (3, 3, 3): front axle, rear axle, midpoint.
 fn estimates(result: &Bound<'_, PyAny>) -> PyResult<EstimatorOutput> {
-    let (postures, covariances): (Bound<'_, PyAny>, Bound<'_, PyAny>) = result.extract()?;
+    let Ok((postures, covariances)) = result.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()
+    else {
+        return Err(returned(
+            "estimator.step",
+            result,
+            "a tuple of postures, shape (3, 3), and covariances, shape (3, 3, 3)",
+        ));
+    };
     let three = Some(3);
     let postures = arrays::any_numbers("postures", &postures, &[three; 2])?;
     let covariances = arrays::any_numbers("covariances", &covariances, &[three; 3])?;
