@@ -18,6 +18,7 @@ use core_algos::fusion::ipec;
 use core_algos::fusion::robot::{self, Increment, Inputs, RobotFusion};
 use core_algos::math::{AxleLoad, Posture, Steering, Twist};
 use core_algos::node::robot::RobotConfig;
+use plant::frame::Strip;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -32,7 +33,8 @@ pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Cascade>()?;
     module.add_class::<DynamicLaw>()?;
     module.add_class::<Planner>()?;
-    module.add_function(wrap_pyfunction!(covariance_intersection, module)?)
+    module.add_function(wrap_pyfunction!(covariance_intersection, module)?)?;
+    module.add_function(wrap_pyfunction!(strip_equilibrium, module)?)
 }
 
 /// Algorithm built from the parameters of a scenario, with derived values filled in.
@@ -706,5 +708,73 @@ impl Planner {
         result.set_item("approach", direction(plan.approach))?;
         result.set_item("cost_m", plan.cost_m)?;
         Ok(Some(result))
+    }
+}
+
+/// Equilibrium of the plant's strip between two clamps, in double precision.
+///
+/// length_m, bending_n_m2 (EI) and axial_n (EA) of the strip; tip: posture of its end in the coordinates of its root,
+/// shape (3,), m, m, rad (the whole turn); curvature: 1/m at 0.1, 0.3, 0.5, 0.7 and 0.9 of the length, shape (5,), near
+/// the branch that is wanted.
+///
+/// Gives a dict: wrench (3,), force (N) and moment (N m) that the end needs, in the root's coordinates; root_moment
+/// (N m); curvature (5,); stable, True if the equilibrium is stable with the end held.
+#[pyfunction]
+fn strip_equilibrium<'py>(
+    py: Python<'py>,
+    length_m: f64,
+    bending_n_m2: f64,
+    axial_n: f64,
+    tip: &Bound<'_, PyAny>,
+    curvature: &Bound<'_, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+    within("length_m", length_m, [1e-3, 1e3])?;
+    within("bending_n_m2", bending_n_m2, [1e-9, 1e9])?;
+    let slender = bending_n_m2 / (length_m * length_m);
+    within("axial_n", axial_n, [1e2 * slender, 1e9 * slender])?;
+    let tip = arrays::vector::<3>("tip", tip)?;
+    let seed = arrays::vector::<5>("curvature", curvature)?;
+    for (name, value, most) in [
+        ("tip[0]", tip[0], 1.1 * length_m),
+        ("tip[1]", tip[1], 1.1 * length_m),
+        ("tip[2]", tip[2], 20.0),
+    ] {
+        within(name, value, [-most, most])?;
+    }
+    within(
+        "distance of tip",
+        libm::hypot(tip[0], tip[1]),
+        [0.0, 1.05 * length_m],
+    )?;
+    for (i, value) in seed.into_iter().enumerate() {
+        let most = 50.0 / length_m;
+        within(&format!("curvature[{i}]"), value, [-most, most])?;
+    }
+    let strip = Strip::new(length_m, bending_n_m2, axial_n, 0.0);
+    let Some((equilibrium, stable)) = strip.find(tip, &PLACES, &seed) else {
+        let allowed = "a posture with an equilibrium on the branch of curvature";
+        return Err(refused("tip", format!("{tip:?}"), allowed));
+    };
+    let curvature = PLACES.map(|place| strip.elastic_curvature(&equilibrium, place * length_m));
+    let result = PyDict::new(py);
+    result.set_item(
+        "wrench",
+        arrays::row(py, strip.wrench(&equilibrium).to_vec()),
+    )?;
+    result.set_item("root_moment", strip.root_moment(&equilibrium))?;
+    result.set_item("curvature", arrays::row(py, curvature.to_vec()))?;
+    result.set_item("stable", stable)?;
+    Ok(result)
+}
+
+fn within(name: &str, value: f64, [low, high]: [f64; 2]) -> PyResult<()> {
+    match value >= low && value <= high {
+        true => Ok(()),
+        false => Err(refused(
+            name,
+            arrays::text(value),
+            format!("a number from {low:?} to {high:?}"),
+        )),
     }
 }

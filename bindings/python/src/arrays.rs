@@ -131,7 +131,7 @@ pub fn covariance<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyRes
 }
 
 /// A number as Python prints it, 1e300 rather than three hundred zeros.
-fn text(number: f64) -> String {
+pub fn text(number: f64) -> String {
     match number.is_nan() {
         true => "nan".to_owned(),
         false => format!("{number:?}"),
