@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,34 @@ def run(
     return Log.of({name: np.asarray(values) for name, values in columns.items()}), end
 
 
+def run_paths(
+    scenario: Scenario,
+    trials: Iterable[tuple[int, int] | int],
+    threads: int | None = None,
+    *,
+    controller: Callable[[], Any] | None = None,
+    estimator: Callable[[], Any] | None = None,
+) -> list[np.ndarray]:
+    """True path of the midpoint in each trial, shape (n, 3): m, m, rad, a row an epoch.
+
+    trials, threads, controller, estimator: as for `run_many`.
+    """
+    pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
+    threads = _threads(threads)
+
+    def path(pair: tuple[int, int]) -> np.ndarray:
+        log, _ = run(scenario, *pair, controller=controller, estimator=estimator)
+        return log["truth.robot"]
+
+    with ThreadPoolExecutor(threads) as executor:
+        jobs = [executor.submit(path, pair) for pair in pairs]
+        try:
+            return [job.result() for job in jobs]
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
 def trials(seed: int, count: int) -> list[tuple[int, int]]:
     """Trials 0 to count - 1 of a seed, for `run_many`."""
     return [(seed, trial) for trial in range(count)]
@@ -105,10 +133,7 @@ def run_many(
     if not scenarios or not pairs:
         raise _refused("trials", f"{len(scenarios)} scenarios, {len(pairs)} trials", "at least one of each")
     if executor is None:
-        threads = (os.cpu_count() or 1) if threads is None else threads
-        if threads < 1:
-            raise _refused("threads", threads, "a whole number of at least 1")
-        return _arrays(_native.run_rows(scenarios, pairs, threads, controller, estimator))
+        return _arrays(_native.run_rows(scenarios, pairs, _threads(threads), controller, estimator))
     if threads is not None:
         raise _refused("threads", threads, "None with an executor, which has its own workers")
     if block < 1:
@@ -125,6 +150,13 @@ def run_many(
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
+def _threads(threads: int | None) -> int:
+    threads = (os.cpu_count() or 1) if threads is None else threads
+    if threads < 1:
+        raise _refused("threads", threads, "a whole number of at least 1")
+    return threads
+
+
 def _arrays(table: dict[str, Any]) -> dict[str, np.ndarray]:
     return {name: np.asarray(values) for name, values in table.items()}
 
@@ -138,21 +170,36 @@ def _refused(field: str, value: object, allowed: str) -> InputError:
 def summary(table: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """Rows of the paper's Table 1: number, mean and standard deviation of e (m), θ and α (rad), and ends by kind.
 
-    A row for each sensor set and fusion of the table, in its order.
+    A row for each sensor set and fusion of the table, in its order. Means and standard deviations of angles are
+    circular, as in `cfmmr paper`; the standard deviation of one trial is NaN.
     """
     rows = []
     sets = list(zip(table["rps"], table["imu"], table["fusion"]))
     for rps, imu, fusion in dict.fromkeys(sets):
         here = [one == (rps, imu, fusion) for one in sets]
         row: dict[str, Any] = {"rps": bool(rps), "imu": bool(imu), "fusion": str(fusion), "trials": sum(here)}
-        for name in ("e_m", "theta_rad", "alpha_rad"):
-            values = table[name][here]
-            row[name] = float(values.mean())
-            row[f"{name}_sd"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+        for name, measure in (("e_m", _linear), ("theta_rad", _circular), ("alpha_rad", _circular)):
+            row[name], row[f"{name}_sd"] = measure(table[name][here])
         kinds, counts = np.unique(table["end"][here], return_counts=True)
         row["ends"] = dict(zip(kinds.tolist(), counts.tolist()))
         rows.append(row)
     return rows
+
+
+def _linear(values: np.ndarray) -> tuple[float, float]:
+    """Mean and standard deviation."""
+    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else float("nan")
+
+
+def _circular(angles: np.ndarray) -> tuple[float, float]:
+    """Circular mean and standard deviation √(−2 ln R) of angles, rad (Mardia and Jupp, 2000, section 2.3)."""
+    n = len(angles)
+    sin, cos = float(np.sin(angles).mean()), float(np.cos(angles).mean())
+    if n < 2:
+        return float(np.arctan2(sin, cos)), float("nan")
+    spread = np.sqrt(-2 * np.log(min(np.hypot(sin, cos), 1.0)))
+    # n − 1 in the denominator: the sample standard deviation of small angles.
+    return float(np.arctan2(sin, cos)), float(spread * np.sqrt(n / (n - 1)))
 
 
 def frame(columns: dict[str, Any] | list[dict[str, Any]], library: str = "pandas") -> Any:
