@@ -26,6 +26,18 @@ fn converted<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, 
     }
 }
 
+/// Buffer of an array of `f64` in the byte order of this machine, which `PyBuffer` does not check.
+fn buffer(value: &Bound<'_, PyAny>) -> Option<PyBuffer<f64>> {
+    const FOREIGN: &[u8] = if cfg!(target_endian = "little") {
+        b">!"
+    } else {
+        b"<"
+    };
+    let buffer = PyBuffer::<f64>::get(value).ok()?;
+    let order = buffer.format().to_bytes().first();
+    (!order.is_some_and(|order| FOREIGN.contains(order))).then_some(buffer)
+}
+
 /// Numbers of an array of the given shape; `None` as a length allows any. The values may be NaN or infinite.
 pub fn any_numbers(
     name: &str,
@@ -34,9 +46,9 @@ pub fn any_numbers(
 ) -> PyResult<Vec<f64>> {
     let py = value.py();
     // An array of f64 is copied as it is; anything else is converted first.
-    let buffer = match PyBuffer::<f64>::get(value) {
-        Ok(buffer) => buffer,
-        Err(_) => PyBuffer::get(&converted(name, value)?)?,
+    let buffer = match buffer(value) {
+        Some(buffer) => buffer,
+        None => PyBuffer::get(&converted(name, value)?)?,
     };
     check_shape(name, buffer.shape(), shape)?;
     buffer.to_vec(py)
@@ -205,7 +217,7 @@ impl Kept {
             return buffer.copy_to_slice(value.py(), to);
         }
         let shape: Vec<_> = shape.iter().copied().map(Some).collect();
-        let Ok(buffer) = PyBuffer::<f64>::get(value) else {
+        let Some(buffer) = buffer(value) else {
             to.copy_from_slice(&any_numbers(name, value, &shape)?);
             return Ok(());
         };
@@ -225,7 +237,7 @@ impl Kept {
         if self.latest(target).is_some() {
             return Ok(());
         }
-        let Ok(buffer) = PyBuffer::<f64>::get(target) else {
+        let Some(buffer) = buffer(target) else {
             let dtype = target.getattr("dtype");
             let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
             return Err(refused(name, found, "an array of float64"));

@@ -1,7 +1,7 @@
 //! The simulated plant, stepped from Python.
 
 use crate::arrays::{self, Kept, Row, Rows};
-use crate::errors::{of, refused};
+use crate::errors::{RunError, of, refused};
 use crate::scenario::{Scenario, drawn_by};
 use host_sim::run::robot::{FRAME_POINTS, outlines};
 use host_sim::run::simulation::DrawnPlant;
@@ -9,7 +9,10 @@ use host_sim::world::sensors::Truth;
 use numpy::{PyArray3, PyArrayMethods};
 use plant::Outline;
 use pyo3::prelude::*;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use pyo3::sync::MutexExt;
+use std::ops::{Deref, DerefMut};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{LockResult, Mutex, MutexGuard, PoisonError};
 
 /// Adds the class to the module.
 pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -60,13 +63,65 @@ struct State {
 pub struct Plant {
     // Boxed: a plant is aligned to 32 bytes, an object of Python to 16.
     state: Mutex<Box<State>>,
+    /// Thread that holds the state.
+    holder: AtomicUsize,
+}
+
+/// The state of a plant, locked.
+struct Held<'a> {
+    holder: &'a AtomicUsize,
+    state: MutexGuard<'a, Box<State>>,
+}
+
+impl<'a> Held<'a> {
+    fn new(plant: &'a Plant, state: LockResult<MutexGuard<'a, Box<State>>>) -> Self {
+        plant.holder.store(this_thread(), Relaxed);
+        Self {
+            holder: &plant.holder,
+            state: state.unwrap_or_else(PoisonError::into_inner),
+        }
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        self.holder.store(0, Relaxed);
+    }
+}
+
+impl Deref for Held<'_> {
+    type Target = State;
+
+    fn deref(&self) -> &State {
+        &self.state
+    }
+}
+
+impl DerefMut for Held<'_> {
+    fn deref_mut(&mut self) -> &mut State {
+        &mut self.state
+    }
+}
+
+/// Number of this thread, not 0.
+fn this_thread() -> usize {
+    thread_local!(static PLACE: u8 = const { 0 });
+    PLACE.with(|place| std::ptr::from_ref(place) as usize)
 }
 
 impl Plant {
-    fn state(&self) -> MutexGuard<'_, Box<State>> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The state, as soon as other threads release it. Refused while a call of this thread is in progress: an argument
+    /// of the call may have methods of the user, such as `__array__`, which use the plant.
+    fn state(&self, py: Python<'_>) -> PyResult<Held<'_>> {
+        match self.holder.load(Relaxed) == this_thread() {
+            true => Err(RunError::new_err("a call of this plant is in progress")),
+            false => Ok(Held::new(self, self.state.lock_py_attached(py))),
+        }
     }
 }
+
+/// Largest magnitude of a coordinate (m) or a heading (rad) at which a robot is placed.
+const FARTHEST: f64 = 1e6;
 
 /// Wheel torques, `[axle][left, right]`, N m. A value that is not finite stays: the plant takes it as zero.
 fn torques(value: &Bound<'_, PyAny>, axles: usize) -> PyResult<Vec<[f64; 2]>> {
@@ -98,19 +153,20 @@ impl Plant {
         };
         Ok(Self {
             state: Mutex::new(Box::new(state)),
+            holder: AtomicUsize::new(0),
         })
     }
 
     /// Writes the sensed values into `out`, float64 of shape (sensed_count,).
     fn sensed_into(&self, py: Python<'_>, out: &Bound<'_, PyAny>) -> PyResult<()> {
-        let mut state = self.state();
+        let mut state = self.state(py)?;
         let State {
             drawn,
             truth,
             sensed,
             arrays: [array, _],
             ..
-        } = &mut **state;
+        } = &mut *state;
         drawn.measure(truth);
         sensed.clear();
         for axle in &truth.axles {
@@ -124,26 +180,26 @@ impl Plant {
 
     /// Number of sensed values.
     #[getter]
-    fn sensed_count(&self) -> usize {
-        sensed_count(&self.state().truth)
+    fn sensed_count(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(sensed_count(&self.state(py)?.truth))
     }
 
     /// Names of the sensed values with their units.
     #[getter]
-    fn sensed_names(&self) -> Vec<String> {
-        sensed_names(&self.state().truth)
+    fn sensed_names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        Ok(sensed_names(&self.state(py)?.truth))
     }
 
     /// Advances by 1 ms with wheel torques, shape (axles, 2): left and right, N m.
-    fn step_with(&self, torque: &Bound<'_, PyAny>) -> PyResult<()> {
-        let mut state = self.state();
+    fn step_with(&self, py: Python<'_>, torque: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut state = self.state(py)?;
         let axles = state.truth.axles.len();
         let State {
             drawn,
             torque: values,
             arrays: [_, array],
             ..
-        } = &mut **state;
+        } = &mut *state;
         array.read("torque", torque, &[axles, 2], values)?;
         drawn.plant.step(values.as_chunks().0);
         state.ticks += 1;
@@ -159,12 +215,12 @@ impl Plant {
     ) -> PyResult<()> {
         const BETWEEN_SIGNALS: u64 = 10_000;
         let count = arrays::whole("count", count)?;
-        let torque = torques(torque, self.state().truth.axles.len())?;
+        let torque = torques(torque, self.state(py)?.truth.axles.len())?;
         let mut left = count;
         while left > 0 {
             let now = left.min(BETWEEN_SIGNALS);
             py.detach(|| {
-                let mut state = self.state();
+                let mut state = Held::new(self, self.state.lock());
                 for _ in 0..now {
                     state.drawn.plant.step(&torque);
                 }
@@ -176,18 +232,29 @@ impl Plant {
         Ok(())
     }
 
-    /// Places the robot at rest with its midpoint at a posture: m, m, rad.
-    fn place(&self, midpoint: &Bound<'_, PyAny>) -> PyResult<()> {
-        let midpoint = arrays::vector("midpoint", midpoint)?;
-        let mut state = self.state();
+    /// Places the robot at rest with its midpoint at a posture: m, m, rad; each at most 1e6 in magnitude.
+    fn place(&self, py: Python<'_>, midpoint: &Bound<'_, PyAny>) -> PyResult<()> {
+        let midpoint: [f64; 3] = arrays::vector("midpoint", midpoint)?;
+        if let Some(place) = midpoint.iter().position(|it| it.abs() > FARTHEST) {
+            let (number, allowed) = (
+                midpoint[place],
+                format!("a number from {:e} to {FARTHEST:e}", -FARTHEST),
+            );
+            return Err(refused(
+                format!("midpoint[{place}]"),
+                arrays::text(number),
+                allowed,
+            ));
+        }
+        let mut state = self.state(py)?;
         state.drawn.plant.place(midpoint);
         state.ticks = 0;
         Ok(())
     }
 
     /// Lifts a wheel off the floor: number of the axle, then 0 for left or 1 for right.
-    fn lift_wheel(&self, axle: usize, side: usize) -> PyResult<()> {
-        let mut state = self.state();
+    fn lift_wheel(&self, py: Python<'_>, axle: usize, side: usize) -> PyResult<()> {
+        let mut state = self.state(py)?;
         let axles = state.truth.axles.len();
         if axle >= axles {
             let allowed = format!("a number from 0 to {}", axles - 1);
@@ -201,8 +268,8 @@ impl Plant {
     }
 
     /// Breaks a frame.
-    fn snap_frame(&self, frame: usize) -> PyResult<()> {
-        let mut state = self.state();
+    fn snap_frame(&self, py: Python<'_>, frame: usize) -> PyResult<()> {
+        let mut state = self.state(py)?;
         let frames = state.truth.strains.len();
         if frame >= frames {
             let allowed = format!("a number from 0 to {}", frames - 1);
@@ -214,20 +281,21 @@ impl Plant {
 
     /// Time since the start, s.
     #[getter]
-    fn time_s(&self) -> f64 {
-        self.state().ticks as f64 * plant::TICK_S
+    fn time_s(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.state(py)?.ticks as f64 * plant::TICK_S)
     }
 
     /// True posture of the midpoint, shape (3,): m, m, rad.
     #[getter]
-    fn midpoint<'py>(&self, py: Python<'py>) -> Row<'py> {
-        arrays::row(py, self.state().drawn.plant.midpoint().to_vec())
+    fn midpoint<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
+        let midpoint = self.state(py)?.drawn.plant.midpoint();
+        Ok(arrays::row(py, midpoint.to_vec()))
     }
 
     /// True postures of the axles, front first, shape (axles, 3): m, m, rad.
     #[getter]
     fn axles<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.posture).collect::<Vec<_>>())
     }
@@ -235,7 +303,7 @@ impl Plant {
     /// Velocities of the axles, shape (axles, 3): forward and to the left, m/s; yaw rate, rad/s.
     #[getter]
     fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.velocity).collect::<Vec<_>>())
     }
@@ -243,7 +311,7 @@ impl Plant {
     /// Wheel speeds, shape (axles, 2): left and right, rad/s.
     #[getter]
     fn wheel_speeds<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.wheel_speed).collect::<Vec<_>>())
     }
@@ -251,7 +319,7 @@ impl Plant {
     /// Postures of each axle in the frame of the axle behind it, shape (frames, 3): m, m, rad.
     #[getter]
     fn relative<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let plant = &state.drawn.plant;
         let frames = (0..plant.frame_count()).map(|frame| plant.relative_posture(frame));
         arrays::rows(py, &frames.collect::<Vec<_>>())
@@ -261,7 +329,7 @@ impl Plant {
     /// and to the left (N), moment at the root and at the tip (N m).
     #[getter]
     fn wrenches<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let plant = &state.drawn.plant;
         let wrench = |frame| {
             let wrench = plant.wrench(frame);
@@ -274,7 +342,7 @@ impl Plant {
 
     /// Points of the bent frames from root to tip, shape (frames, 13, 2), m.
     fn frame_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let state = self.state();
+        let state = self.state(py)?;
         let mut points = vec![[[0.0; 2]; FRAME_POINTS]; state.outlines.len()];
         for (outline, points) in state.outlines.iter().zip(&mut points) {
             state.drawn.plant.draw(outline, points);

@@ -85,6 +85,9 @@ impl State {
 
     fn follow(&mut self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
         let points = arrays::numbers("points", points, &[None, Some(2)])?;
+        if laps == 0 {
+            return Err(refused("laps", laps, "a whole number of at least 1"));
+        }
         let points = points.as_chunks::<2>().0.iter();
         let waypoints: Vec<Waypoint> = points.map(|&[x, y]| (x, y).into()).collect();
         let input = |error: host_sim::paths::PathError| {
@@ -97,6 +100,8 @@ impl State {
             true => (Task::Track { within }, PathMode::Track),
             false => (Task::Follow { within }, PathMode::Follow),
         };
+        // Makes room in place of an earlier path.
+        self.command(Task::Stop)?;
         let mut stream = Stream::new(&route, mode);
         if let Some(points) = stream.next(self.rig.boards.room()) {
             self.rig.boards.command(&points).map_err(|it| of(&it))?;

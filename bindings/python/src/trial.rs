@@ -17,8 +17,8 @@ use recording::csv;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::Duration;
-use std::{iter, thread};
 
 /// Epochs between two looks for a signal such as Ctrl-C: 1 s of simulated time.
 const SIGNAL_EPOCHS: u32 = 100;
@@ -75,6 +75,12 @@ impl Columns {
 
     fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         let dict = PyDict::new(py);
+        self.put_into(&dict)?;
+        Ok(dict)
+    }
+
+    fn put_into(self, dict: &Bound<'_, PyDict>) -> PyResult<()> {
+        let py = dict.py();
         for (name, column) in self.names.into_iter().zip(self.columns) {
             let values = match column {
                 Column::Words(words) => words.into_bound_py_any(py)?,
@@ -89,7 +95,17 @@ impl Columns {
             };
             dict.set_item(name, values)?;
         }
-        Ok(dict)
+        Ok(())
+    }
+}
+
+/// Array of seeds or numbers of trials: int64, or uint64 if a number does not fit.
+fn whole_numbers(py: Python<'_>, numbers: impl Iterator<Item = u64>) -> Bound<'_, PyAny> {
+    let numbers: Vec<u64> = numbers.collect();
+    let signed = numbers.iter().map(|&number| i64::try_from(number));
+    match signed.collect::<Result<Vec<_>, _>>() {
+        Ok(signed) => arrays::row(py, signed).into_any(),
+        Err(_) => arrays::row(py, numbers).into_any(),
     }
 }
 
@@ -185,6 +201,7 @@ fn run_columns<'py>(
     for (name, cell) in row(&scenario, trial, &outcome) {
         end.set_item(name, python_cell(py, cell)?)?;
     }
+    end.set_item("trial", trial)?;
     Ok((log.into_dict(py)?, end))
 }
 
@@ -226,17 +243,19 @@ fn run_rows<'py>(
     })?;
     let mut table = Columns::default();
     for (k, outcome) in outcomes.iter().enumerate() {
-        let (seed, trial) = trials[k % trials.len()];
         let scenario = &scenarios[k / trials.len()];
-        let cells = row(scenario, trial, outcome);
+        let cells = row(scenario, trials[k % trials.len()].1, outcome);
         if table.names.is_empty() {
-            let names = cells.iter().map(|(name, _)| (*name).to_owned());
-            table.names = iter::once("seed".to_owned()).chain(names).collect();
+            table.names = cells.iter().map(|(name, _)| (*name).to_owned()).collect();
         }
-        let seed = iter::once(Cell::Integer(seed as i64));
-        table.push(seed.chain(cells.into_iter().map(|(_, cell)| cell)));
+        table.push(cells.into_iter().map(|(_, cell)| cell));
     }
-    table.into_dict(py)
+    let all = || (0..count).map(|k| trials[k % trials.len()]);
+    let dict = PyDict::new(py);
+    dict.set_item("seed", whole_numbers(py, all().map(|(seed, _)| seed)))?;
+    table.put_into(&dict)?;
+    dict.set_item("trial", whole_numbers(py, all().map(|(_, trial)| trial)))?;
+    Ok(dict)
 }
 
 /// Results of `count` jobs in order, on `threads` threads. A signal or the first error ends all jobs.

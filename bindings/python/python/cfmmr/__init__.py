@@ -11,6 +11,8 @@ left one is first. A seed gives the same bits as `cfmmr posture --seed`, on any 
 
 from ._native import (
     Boards,
+    ControllerInput,
+    EstimatorInput,
     InputError,
     Plant,
     Robot,
@@ -25,6 +27,8 @@ from .runs import Log, drawn, drawn_plant, frame, run, run_many, run_paths, summ
 
 __all__ = [
     "Boards",
+    "ControllerInput",
+    "EstimatorInput",
     "InputError",
     "Key",
     "Log",
