@@ -80,7 +80,7 @@ fn word(verdict: Verdict) -> &'static str {
     }
 }
 
-/// Posture of the frame's tip from the strains of one instant (paper section V), as on the beam board.
+/// Posture of the frame's tip from the strains of one instant (paper section VI A), as on the beam board.
 ///
 /// The parameters are those of the table robot.beam and of the robot's geometry.
 #[pyclass(frozen, module = "cfmmr")]
@@ -185,7 +185,7 @@ impl StrainFit {
     }
 }
 
-/// Extended Kalman filter of an axle (paper section VI A): encoders and inertial sensors.
+/// Extended Kalman filter of an axle (paper section VI B): encoders and inertial sensors.
 ///
 /// State: x, y (m), heading (rad), v (m/s), yaw rate (rad/s), and the rates of both. state: shape (7,), by default zero;
 /// covariance: shape (7, 7), by default 1e-6 on the diagonal. Parameters: table robot.axle.filter.
