@@ -1,4 +1,4 @@
-"""One table on threads, processes, Ray and Dask: a line with the SHA-256 of its bytes for each; exit code 1 if they differ.
+"""One table on threads, processes, Ray and Dask: the SHA-256 of its bytes on each; exit code 1 if they differ.
 
     python one_hash.py
 
