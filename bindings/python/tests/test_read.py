@@ -42,7 +42,6 @@ def test_folder_of_tables_is_a_dict_of_logs(files, log):
 
 
 def test_mcap_log_holds_the_estimates_of_the_run(files, log):
-    pytest.importorskip("mcap") if False else __import__("mcap")
     topics = read(files / "run.mcap")
     assert topics and all(len(next(iter(topic.values()))) for topic in topics.values())
     wanted = log["lead.robot"]
