@@ -36,7 +36,11 @@ if [ "$current" != "$wanted" ]; then
 fi
 
 rm -rf target/wheels
-"$environment/bin/maturin" build --quiet --release --manifest-path $package/Cargo.toml --out target/wheels
+"$environment/bin/maturin" build --release --manifest-path $package/Cargo.toml --out target/wheels \
+  >target/wheel.log 2>&1 || {
+  cat target/wheel.log >&2
+  fail "the wheel could not be built"
+}
 wheel=$(echo target/wheels/cfmmr-*.whl)
 if [ "$current" != "$wanted" ]; then
   "${pip[@]}" "$wheel[frames,pictures,logs]"

@@ -146,8 +146,9 @@ def test_ipec_is_the_geometry_of_both_axles(careful):
         relative = np.array([-0.36, 0.01, -0.05]) + RNG.normal(size=3) * [1e-3, 1e-3, 5e-3]
         for axle, (left, right) in zip(axles, advance.reshape(2, 2)):
             turn = (right - left) / track
-            axle += np.array([*((left + right) / 2 * np.array([np.cos(axle[2] + turn / 2), np.sin(axle[2] + turn / 2)])),
-                              turn])
+            axle += np.array(
+                [*((left + right) / 2 * np.array([np.cos(axle[2] + turn / 2), np.sin(axle[2] + turn / 2)])), turn]
+            )
         line = axles[1][:2] - axles[0][:2]
         first = np.arctan2(line[1], line[0]) - np.arctan2(relative[1], relative[0])
         wanted = [wrapped(first - axles[0][2]), wrapped(first + relative[2] - axles[1][2])]
@@ -179,21 +180,27 @@ class PlainFilter:
         a[2, [4, 6]], a[3, 5], a[4, 6] = around, t, t
         self.x = x + [ds * c, ds * s, turn, x[5] * t, x[6] * t, 0, 0]
         q = np.zeros((7, 7))
-        slip = [noise[f"{way}_m_per_sqrt_m"] ** 2 * abs(ds) + noise[f"{way}_m_per_sqrt_s"] ** 2 * t
-                for way in ("along", "across")]
+        slip = [
+            noise[f"{way}_m_per_sqrt_m"] ** 2 * abs(ds) + noise[f"{way}_m_per_sqrt_s"] ** 2 * t
+            for way in ("along", "across")
+        ]
         turned = np.array([[c, -s], [s, c]])
         q[:2, :2] = turned @ np.diag(slip) @ turned.T
         q[2, 2] = noise["heading_rad_per_sqrt_m"] ** 2 * abs(ds) + noise["heading_rad_per_sqrt_s"] ** 2 * t
-        for rate, change, density in ((3, 5, noise["jerk_m_s3_per_sqrt_hz"]),
-                                      (4, 6, noise["yaw_jerk_rad_s3_per_sqrt_hz"])):
+        for rate, change, density in (
+            (3, 5, noise["jerk_m_s3_per_sqrt_hz"]),
+            (4, 6, noise["yaw_jerk_rad_s3_per_sqrt_hz"]),
+        ):
             g = np.zeros(7)
             g[rate], g[change] = t / 2, 1
             q += density**2 * t * np.outer(g, g)
         self.p = a @ self.p @ a.T + q
-        rows = [(left, {3: 1, 4: -self.h}, self.config["left_sigma_m_s"]),
-                (right, {3: 1, 4: self.h}, self.config["right_sigma_m_s"]),
-                (gyro, {4: 1}, self.config["gyro_sigma_rad_s"]),
-                (acceleration, {5: 1}, self.config["accelerometer_sigma_m_s2"])]
+        rows = [
+            (left, {3: 1, 4: -self.h}, self.config["left_sigma_m_s"]),
+            (right, {3: 1, 4: self.h}, self.config["right_sigma_m_s"]),
+            (gyro, {4: 1}, self.config["gyro_sigma_rad_s"]),
+            (acceleration, {5: 1}, self.config["accelerometer_sigma_m_s2"]),
+        ]
         for measured, entries, sigma in rows:
             if measured is not None:
                 h = np.zeros(7)
@@ -320,9 +327,12 @@ def law(scenario, posture, twist, reference, reference_twist, acceleration, load
     error = seen_from(posture, reference)
     v_r, w_r = reference_twist
     speed = max(abs(v_r), c["heading_speed_floor_m_s"])
-    command = np.array([v_r * np.cos(error[2]) + c["longitudinal_gain_per_s"] * error[0],
-                        w_r + c["lateral_gain_rad_m2"] * v_r * error[1]
-                        + c["heading_gain_rad_m"] * speed * np.sin(error[2])])
+    command = np.array(
+        [
+            v_r * np.cos(error[2]) + c["longitudinal_gain_per_s"] * error[0],
+            w_r + c["lateral_gain_rad_m2"] * v_r * error[1] + c["heading_gain_rad_m"] * speed * np.sin(error[2]),
+        ]
+    )
     squares = [command, twist, reference_twist, acceleration, [np.dot(twist, twist)], [1], load]
     xi = min(sum(np.dot(part, part) for part in squares), c["max_xi_squared"])
     wheel = 2 * c["wheel_inertia_kg_m2"] / r**2

@@ -51,7 +51,9 @@ def dynamic(**arguments):
 
 
 def intersection(**arguments):
-    return algorithms.covariance_intersection(**{"a": AT, "a_covariance": P3, "b": -AT, "b_covariance": 2 * P3, **arguments})
+    return algorithms.covariance_intersection(
+        **{"a": AT, "a_covariance": P3, "b": -AT, "b_covariance": 2 * P3, **arguments}
+    )
 
 
 def axle_filter():
@@ -86,9 +88,17 @@ ARRAYS = {
     "AxleFilter state": ("state", lambda v: algorithms.AxleFilter(S, v).state, np.arange(7) / 8, False),
     "AxleFilter covariance": ("covariance", lambda v: algorithms.AxleFilter(S, None, v).covariance, np.eye(7), False),
     "AxleFilter.update_posture": (
-        "posture", on(axle_filter, lambda f, v: f.update_posture(v, P3), lambda f: f.state), AT / 64, False),
+        "posture",
+        on(axle_filter, lambda f, v: f.update_posture(v, P3), lambda f: f.state),
+        AT / 64,
+        False,
+    ),
     "AxleFilter.update_posture covariance": (
-        "covariance", on(axle_filter, lambda f, v: f.update_posture(AT / 64, v), lambda f: f.state), np.eye(3), False),
+        "covariance",
+        on(axle_filter, lambda f, v: f.update_posture(AT / 64, v), lambda f: f.state),
+        np.eye(3),
+        False,
+    ),
     "intersection a": ("a", lambda v: intersection(a=v)[1], AT, False),
     "intersection A": ("a_covariance", lambda v: intersection(a_covariance=v)[1], np.eye(3), False),
     "intersection b": ("b", lambda v: intersection(b=v)[1], AT, False),
@@ -96,7 +106,11 @@ ARRAYS = {
     "Ipec axle1": ("axle1", lambda v: algorithms.Ipec(S, v, [9, 9, 0]).postures, AT, False),
     "Ipec axle2": ("axle2", lambda v: algorithms.Ipec(S, [9, 9, 0], v).postures, AT, False),
     "Ipec.step advance": (
-        "advance", on(ipec, lambda i, v: i.step(v, [-0.36, 0, 0]), lambda i: i.postures), np.arange(4) / 64, False),
+        "advance",
+        on(ipec, lambda i, v: i.step(v, [-0.36, 0, 0]), lambda i: i.postures),
+        np.arange(4) / 64,
+        False,
+    ),
     "Ipec.step relative": ("relative", on(ipec, lambda i, v: i.step(np.zeros(4), v), lambda i: i.postures), -AT, False),
     "Fusion posture": ("posture", lambda v: fusion(v)[0], AT, False),
     "Fusion covariance": ("covariance", lambda v: fusion(AT, v)[1], np.eye(3), False),
@@ -116,8 +130,17 @@ ARRAYS = {
     "Planner posture": ("posture", lambda v: PLANNER.plan(v, [0, 0, 0]), np.array([-0.5, 0, 0]), False),
     "Planner goal": ("goal", lambda v: PLANNER.plan([0, 0, 0], v), np.array([0.5, 0, 0]), False),
 }
-NONE_ALLOWED = {"Robot.regulate", "Boards.step gyro", "Boards.step acceleration", "AxleFilter state", "AxleFilter covariance",
-                "Fusion posture", "Fusion covariance", "DynamicLaw acceleration", "DynamicLaw load"}
+NONE_ALLOWED = {
+    "Robot.regulate",
+    "Boards.step gyro",
+    "Boards.step acceleration",
+    "AxleFilter state",
+    "AxleFilter covariance",
+    "Fusion posture",
+    "Fusion covariance",
+    "DynamicLaw acceleration",
+    "DynamicLaw load",
+}
 each = pytest.mark.parametrize("case", ARRAYS)
 
 
@@ -152,8 +175,18 @@ def test_wrong_shape_is_refused(case):
 @each
 def test_wrong_type_is_refused(case):
     name, call, good, _ = ARRAYS[case]
-    wrong = [good.astype(complex), good.astype(str), good.astype(object), good.astype("m8[s]"), released(), "words", {}, object(),
-             [[1], [1, 2]], np.array([None] * 3)]
+    wrong = [
+        good.astype(complex),
+        good.astype(str),
+        good.astype(object),
+        good.astype("m8[s]"),
+        released(),
+        "words",
+        {},
+        object(),
+        [[1], [1, 2]],
+        np.array([None] * 3),
+    ]
     for value in [*wrong, *([] if case in NONE_ALLOWED else [None])]:
         with pytest.raises(InputError) as refused:
             call(value)
@@ -190,7 +223,9 @@ def test_huge_number_is_refused_or_bounded(case):
 
 
 @each
-@pytest.mark.parametrize("dtype", ["int8", "int64", "uint16", "float16", "float32", "longdouble", "bool", ">f8", ">i4", ">f4"])
+@pytest.mark.parametrize(
+    "dtype", ["int8", "int64", "uint16", "float16", "float32", "longdouble", "bool", ">f8", ">i4", ">f4"]
+)
 def test_real_numbers_of_any_type_are_converted(case, dtype):
     _, call, good, _ = ARRAYS[case]
     value = np.abs(good).astype(dtype)
@@ -206,7 +241,15 @@ def test_layout_of_an_array_does_not_matter(case):
     fixed = good.copy()
     fixed.flags.writeable = False
     odd = np.frombuffer(b"x" + good.tobytes(), np.uint8)[1:].view(float).reshape(good.shape)
-    for value in (wide, backward, np.asfortranarray(good), fixed, odd, good.tolist(), memoryview(np.ascontiguousarray(good))):
+    for value in (
+        wide,
+        backward,
+        np.asfortranarray(good),
+        fixed,
+        odd,
+        good.tolist(),
+        memoryview(np.ascontiguousarray(good)),
+    ):
         assert outcome(call, value) == wanted
 
 
@@ -225,8 +268,23 @@ def test_array_that_cannot_be_written_is_refused(case):
     thing, good = make(), np.zeros(shape)
     fixed = good.copy()
     fixed.flags.writeable = False
-    wrong = [None, 1.0, good.tolist(), bytearray(8), good.astype("f4"), good.astype(">f8"), good.astype(complex), good.astype(int),
-             good[None], good[:1], np.zeros(0), fixed, np.broadcast_to(0.0, shape), np.broadcast_to(0.0, (10**9,)), released()]
+    wrong = [
+        None,
+        1.0,
+        good.tolist(),
+        bytearray(8),
+        good.astype("f4"),
+        good.astype(">f8"),
+        good.astype(complex),
+        good.astype(int),
+        good[None],
+        good[:1],
+        np.zeros(0),
+        fixed,
+        np.broadcast_to(0.0, shape),
+        np.broadcast_to(0.0, (10**9,)),
+        released(),
+    ]
     for value in wrong:
         before = thing.time_s
         with pytest.raises(InputError) as refused:
@@ -279,7 +337,7 @@ def test_argument_that_uses_the_plant_itself_is_refused():
     class Argument:
         def __array__(self, dtype=None, copy=None):
             with pytest.raises(RunError, match="in progress"):
-                thing.time_s
+                thing.step_with(np.zeros((2, 2)))
             return np.zeros((2, 2))
 
     thing.step_with(Argument())
