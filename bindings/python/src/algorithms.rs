@@ -514,19 +514,18 @@ impl KinematicLaw {
     ) -> PyResult<Bound<'py, PyAny>> {
         let reference = posture("reference", reference)?;
         let (v_r, kappa_r) = (narrow("v_r", v_r)?, narrow("kappa_r", kappa_r)?);
-        let at = |posture: [f64; 3]| {
-            let posture = Posture::from(posture.map(|value| value as f32));
+        let at = |posture: Posture| {
             let error = PolarError::between(posture, reference);
             let command = self.law.command(error, v_r, kappa_r);
             [command.v, command.kappa, command.phi_dot].map(f64::from)
         };
         let many = arrays::dimensions(postures)? > 1;
         if !many {
-            let posture = arrays::vector::<3>("postures", postures)?;
+            let posture = self::posture("postures", postures)?;
             return Ok(arrays::row(py, at(posture).to_vec()).into_any());
         }
-        let postures = arrays::numbers("postures", postures, &[None, Some(3)])?;
-        let commands: Vec<[f64; 3]> = postures.as_chunks().0.iter().copied().map(at).collect();
+        let postures = arrays::postures("postures", postures)?.into_iter();
+        let commands: Vec<[f64; 3]> = postures.map(|it| at(it.into())).collect();
         Ok(rows(py, &commands)?.into_any())
     }
 }

@@ -48,16 +48,24 @@ pub fn any_numbers(
     // An array of f64 is copied as it is; anything else is converted first.
     let buffer = match buffer(value) {
         Some(buffer) => buffer,
-        None => PyBuffer::get(&converted(name, value)?)?,
+        None => {
+            let array = converted(name, value)?;
+            if array.len().is_err() {
+                // A buffer without dimensions has no shape.
+                check_shape(name, &[], shape)?;
+            }
+            PyBuffer::get(&array)?
+        }
     };
     check_shape(name, buffer.shape(), shape)?;
     buffer.to_vec(py)
 }
 
-/// Number of dimensions of an array or a nested sequence.
+/// Number of dimensions of an array or a nested sequence; 0 for anything else.
 pub fn dimensions(value: &Bound<'_, PyAny>) -> PyResult<usize> {
     let numpy = value.py().import("numpy")?;
-    numpy.call_method1("ndim", (value,))?.extract()
+    let dimensions = numpy.call_method1("ndim", (value,));
+    dimensions.map_or(Ok(0), |number| number.extract())
 }
 
 /// Finite numbers of an array of the given shape; `None` as a length allows any.
@@ -99,6 +107,22 @@ pub fn single<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<
         *single = narrow(&format!("{name}[{i}]"), number)?;
     }
     Ok(singles)
+}
+
+/// Postures, shape (n, 3): m, m, rad.
+pub fn postures(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<[f32; 3]>> {
+    let shape = [None, Some(3)];
+    let numbers = numbers(name, value, &shape)?;
+    let singles = numbers.iter().enumerate().map(|(place, number)| {
+        let single = *number as f32;
+        let field = || format!("{name}{}", indices(place, &shape));
+        single
+            .is_finite()
+            .then_some(single)
+            .ok_or_else(|| refused_single(field(), *number))
+    });
+    let singles = singles.collect::<PyResult<Vec<_>>>()?;
+    Ok(singles.as_chunks().0.to_vec())
 }
 
 /// Matrix of `N` by `N` finite numbers in single precision.
@@ -171,12 +195,12 @@ pub fn narrow(name: &str, number: f64) -> PyResult<f32> {
     let single = number as f32;
     match single.is_finite() {
         true => Ok(single),
-        false => Err(refused(
-            name,
-            text(number),
-            "a finite number in single precision",
-        )),
+        false => Err(refused_single(name, number)),
     }
+}
+
+fn refused_single(name: impl Into<String>, number: f64) -> PyErr {
+    refused(name, text(number), "a finite number in single precision")
 }
 
 fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResult<()> {

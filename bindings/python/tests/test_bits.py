@@ -51,7 +51,8 @@ def apart(scenario, seed, trial):
 
 
 @pytest.mark.parametrize(
-    "world, rows, count", [("careful", "pair", 20), ("paper", "main", 4), ("ordinary", "joint", 4), ("ideal", "pair", 2)]
+    "world, rows, count",
+    [("careful", "pair", 20), ("paper", "main", 4), ("ordinary", "joint", 4), ("ideal", "pair", 2)],
 )
 def test_table_equals_that_of_the_program(program, tmp_path, world, rows, count):
     arguments = ["--world", world, "--rows", rows, "--trials", str(count), "--seed", "31"]

@@ -7,6 +7,9 @@ from cfmmr import ControllerInput, EstimatorInput, InputError, Robot, RunError, 
 from conftest import Loop
 
 
+REACHED = {"reached", "uncertain"}
+
+
 def wrapped(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
@@ -52,12 +55,12 @@ class Odometry:
 
 def test_polar_controller_reaches_the_goal(careful):
     table = run_many(careful, trials(31, 4), threads=2, controller=Polar)
-    assert set(table["end"]) == {"done"} and table["e_m"].max() < 0.1
+    assert set(table["end"]) <= REACHED and table["e_m"].max() < 0.1
 
 
 def test_dead_reckoning_reaches_the_goal(careful):
     table = run_many(careful, trials(31, 4), estimator=Odometry)
-    assert set(table["end"]) == {"done"} and table["e_m"].max() < 0.3
+    assert set(table["end"]) <= REACHED and table["e_m"].max() < 0.3
 
 
 def test_own_parts_work_in_a_loop_taken_apart(careful):
@@ -153,7 +156,7 @@ def test_controller_output_that_is_not_finite_stops_the_robot(careful, output):
             return output
 
     _, end = run(careful, 31, controller=Controller)
-    assert "not a number" in end["reason"]
+    assert end["reason"] == "the controller's velocity or curvature is not finite"
 
 
 def test_estimate_that_is_not_finite_stops_the_robot(careful):

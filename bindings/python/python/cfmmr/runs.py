@@ -125,8 +125,8 @@ def run_many(
     """Table of trials by column, a row a trial: all trials of the first scenario, then of the next.
 
     Each trial is a pair (seed, trial), or a seed alone for its trial 0. They run on `threads` threads (by default one a
-    core), or in blocks of `block` trials on an executor of `concurrent.futures`, whose workers need this package. Neither
-    changes a bit of the result. controller, estimator: as for `run`; made once a trial.
+    core), or in blocks of `block` trials on an executor of `concurrent.futures`, whose workers need this package.
+    Neither changes a bit of the result. controller, estimator: as for `run`; made once a trial.
     """
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
@@ -224,7 +224,7 @@ def drawn(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
 def drawn_plant(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
     """What a model of the drawn robot needs: constants of the plant, true start, true places of the gauges.
 
-    Keys: plant (keys of the table `plant`, with an entry for each axle), start (m, m, rad), gauges_m (by frame, from the
-    root of the strip, m), half_thickness_m (strain over curvature, m).
+    Keys: plant (keys of the table `plant`, with an entry for each axle), start (m, m, rad), gauges_m (by frame, from
+    the root of the strip, m), half_thickness_m (strain over curvature, m).
     """
     return json.loads(_native.drawn_plant_json(scenario, seed, trial))
