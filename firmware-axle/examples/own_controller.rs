@@ -7,7 +7,12 @@ mod law;
 #[cfg(target_os = "none")]
 #[embassy_executor::main]
 async fn main(spawner: embassy_executor::Spawner) {
-    firmware_axle::robot::run(spawner, Some(&law::Polar));
+    static LAW: static_cell::StaticCell<law::Polar> = static_cell::StaticCell::new();
+    let own = firmware_axle::robot::Own {
+        controller: Some(LAW.init(law::Polar::default())),
+        estimator: None,
+    };
+    firmware_axle::robot::run(spawner, own);
 }
 
 #[cfg(not(target_os = "none"))]

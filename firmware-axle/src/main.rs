@@ -4,7 +4,7 @@
 #[cfg(target_os = "none")]
 #[embassy_executor::main]
 async fn main(spawner: embassy_executor::Spawner) {
-    firmware_axle::robot::run(spawner, None);
+    firmware_axle::robot::run(spawner, firmware_axle::robot::Own::default());
 }
 
 #[cfg(not(target_os = "none"))]

@@ -17,6 +17,7 @@ use core_algos::config::ConfigError;
 use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
+use core_algos::fusion::estimator::Estimator;
 use core_algos::node::board::Ready;
 use core_algos::node::robot::ConfiguredPlacement;
 use core_algos::node::tick_sync::TickSync;
@@ -45,12 +46,22 @@ use operator::Button;
 use tick::{Axle, AxleReport, AxleTick};
 use watchdog::TaskWatchdog;
 
-/// Runs the board. A `controller` replaces the regulator of the lead node.
-pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
+/// Parts of the user on the front board; `None` keeps the built-in part. The lead node's step has 1 ms for both fusions
+/// and the controller.
+#[derive(Default)]
+pub struct Own {
+    /// Replaces the regulator.
+    pub controller: Option<&'static mut (dyn KinematicController + Send)>,
+    /// Replaces the estimates of the fusion.
+    pub estimator: Option<&'static mut (dyn Estimator + Send)>,
+}
+
+/// Runs the board with parts of the user.
+pub fn run(spawner: Spawner, own: Own) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
-    if let Err(error) = start(board::start(env!("BUILD")), watchdog, controller, spawner) {
+    if let Err(error) = start(board::start(env!("BUILD")), watchdog, own, spawner) {
         // Nothing was started: the motors stay off, and the watchdog, which is not fed, resets the board.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
@@ -73,7 +84,7 @@ fn drivers_asleep() {
 fn start(
     p: Peripherals,
     watchdog: Watchdog,
-    controller: Option<&'static dyn KinematicController>,
+    own: Own,
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, AxleReport, 1> = Watch::new();
@@ -93,9 +104,6 @@ fn start(
     let settings = &parameters.settings;
     let built = build(settings, role)?;
     let nodes = link.place(built.nodes);
-    if let (Some(controller), Some(lead)) = (controller, nodes.lead()) {
-        lead.set_controller(controller);
-    }
     let button = button(p.PA0, settings);
 
     // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
@@ -136,6 +144,7 @@ fn start(
         inertial,
         button,
         nodes,
+        own,
         observer: built.observer,
         winding: built.winding,
         drive: settings.drive,

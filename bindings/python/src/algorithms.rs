@@ -1,6 +1,6 @@
 //! Single algorithms of the boards, each with the parameters of a scenario.
 
-use crate::arrays::{self, covariance, narrow, rows, single};
+use crate::arrays::{self, Row, Rows, covariance, narrow, rows, single};
 use crate::errors::{of, refused};
 use crate::scenario::Scenario;
 use core_algos::beam::sensor::{PostureSolver, Solution};
@@ -11,14 +11,14 @@ use core_algos::control::cascade::{self, AxleReference, Motion};
 use core_algos::control::dynamic::{self, Dynamic};
 use core_algos::control::kinematic::{Direction, Law, PolarError};
 use core_algos::control::planner::{self, Progress, Segment};
+use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::{self, Fix, Measurements, Verdict};
 use core_algos::fusion::intersection::{self, Criterion, ExtendedEstimate};
 use core_algos::fusion::ipec;
 use core_algos::fusion::robot::{self, Increment, Inputs, RobotFusion};
-use core_algos::fusion::Estimate;
 use core_algos::math::{AxleLoad, Posture, Steering, Twist};
 use core_algos::node::robot::RobotConfig;
-use numpy::{PyArray1, PyArray2};
+use plant::frame::Strip;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -33,7 +33,8 @@ pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Cascade>()?;
     module.add_class::<DynamicLaw>()?;
     module.add_class::<Planner>()?;
-    module.add_function(wrap_pyfunction!(covariance_intersection, module)?)
+    module.add_function(wrap_pyfunction!(covariance_intersection, module)?)?;
+    module.add_function(wrap_pyfunction!(strip_equilibrium, module)?)
 }
 
 /// Algorithm built from the parameters of a scenario, with derived values filled in.
@@ -63,10 +64,7 @@ fn estimate(
 }
 
 /// Posture and covariance as arrays of shape (3,) and (3, 3).
-fn pair<'py>(
-    py: Python<'py>,
-    estimate: &Estimate,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+fn pair<'py>(py: Python<'py>, estimate: &Estimate) -> PyResult<(Row<'py>, Rows<'py>)> {
     let posture: [f32; 3] = estimate.posture.into();
     let posture = arrays::row(py, posture.map(f64::from).to_vec());
     Ok((posture, rows(py, &estimate.covariance)?))
@@ -141,15 +139,15 @@ impl StrainFit {
     /// Gives a dict: posture (3,), m, m, rad, of the front axle in the rear axle's coordinates; covariance (3, 3);
     /// wrench (4,), force forward and to the left (N), moment at root and tip (N m), or None; chi_square or None; method,
     /// "elastica", or "quadrature" where the elastica does not fit.
-    fn fit<'py>(
-        &self,
-        py: Python<'py>,
-        strain: &Bound<'_, PyAny>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    fn fit<'py>(&self, py: Python<'py>, strain: &Bound<'_, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let strain = arrays::numbers("strain", strain, &[Some(self.gauges)])?;
         self.check(&strain)?;
         let Some(solution) = py.detach(|| self.solve(&strain)) else {
-            return Err(refused("strain", format!("{strain:?}"), "strains that a posture fits"));
+            return Err(refused(
+                "strain",
+                format!("{strain:?}"),
+                "strains that a posture fits",
+            ));
         };
         let relative = Estimate::new(solution.relative.posture, solution.relative.covariance);
         let (posture, covariance) = pair(py, &relative)?;
@@ -172,11 +170,7 @@ impl StrainFit {
     }
 
     /// Postures of many sets of strains, shape (n, gauges) to (n, 3): m, m, rad. NaN where no posture fits.
-    fn postures<'py>(
-        &self,
-        py: Python<'py>,
-        strain: &Bound<'_, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn postures<'py>(&self, py: Python<'py>, strain: &Bound<'_, PyAny>) -> PyResult<Rows<'py>> {
         let strain = arrays::numbers("strain", strain, &[None, Some(self.gauges)])?;
         self.check(&strain)?;
         let postures = py.detach(|| {
@@ -259,7 +253,11 @@ impl AxleFilter {
         let posture = self::posture("posture", posture)?;
         let covariance = self::covariance::<3>("covariance", covariance)?;
         let Some(fix) = Fix::new(&covariance) else {
-            return Err(refused("covariance", "not positive definite", "positive definite"));
+            return Err(refused(
+                "covariance",
+                "not positive definite",
+                "positive definite",
+            ));
         };
         let mut state = lock(&self.state);
         Ok(word(self.filter.update_fix(&mut state, &posture, &fix)))
@@ -267,16 +265,19 @@ impl AxleFilter {
 
     /// The state, shape (7,).
     #[getter]
-    fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn state<'py>(&self, py: Python<'py>) -> Row<'py> {
         let state = lock(&self.state);
         let (twist, rates) = (state.twist(), state.accelerations());
         let motion = [twist.v, twist.omega, rates[0], rates[1]].map(f64::from);
-        arrays::row(py, state.precise_posture().into_iter().chain(motion).collect())
+        arrays::row(
+            py,
+            state.precise_posture().into_iter().chain(motion).collect(),
+        )
     }
 
     /// Covariance of the state, shape (7, 7).
     #[getter]
-    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         rows(py, &lock(&self.state).covariance().wide_matrix())
     }
 }
@@ -295,7 +296,7 @@ fn covariance_intersection<'py>(
     b: &Bound<'_, PyAny>,
     b_covariance: &Bound<'_, PyAny>,
     criterion: &str,
-) -> PyResult<(f32, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<(f32, Row<'py>, Rows<'py>)> {
     let criterion = match criterion {
         "determinant" => Criterion::Determinant,
         "trace" => Criterion::Trace,
@@ -318,7 +319,11 @@ fn covariance_intersection<'py>(
     let intersection = config.build().map_err(|error| of(&error.into()))?;
     let Some(fused) = intersection.fuse_extended(&a, &b) else {
         let allowed = "covariances far enough from singular, and of similar size";
-        return Err(refused("a_covariance, b_covariance", "nearly singular", allowed));
+        return Err(refused(
+            "a_covariance, b_covariance",
+            "nearly singular",
+            allowed,
+        ));
     };
     let (posture, covariance) = pair(py, &fused.estimate)?;
     Ok((fused.omega, posture, covariance))
@@ -352,11 +357,7 @@ impl Ipec {
 
     /// One interval. advance: shape (4,), m: left and right wheel of axle 1, then of axle 2. relative: shape (3,), m, m,
     /// rad: axle 2 in the coordinates of axle 1. Gives the corrections of both headings, rad.
-    fn step(
-        &self,
-        advance: &Bound<'_, PyAny>,
-        relative: &Bound<'_, PyAny>,
-    ) -> PyResult<[f32; 2]> {
+    fn step(&self, advance: &Bound<'_, PyAny>, relative: &Bound<'_, PyAny>) -> PyResult<[f32; 2]> {
         let advance = single::<4>("advance", advance)?;
         let relative = posture("relative", relative)?;
         far("relative", relative.distance(Posture::ORIGIN))?;
@@ -372,7 +373,7 @@ impl Ipec {
 
     /// Postures of both axles, shape (2, 3): m, m, rad.
     #[getter]
-    fn postures<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn postures<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         rows(py, &lock(&self.state).precise_postures())
     }
 
@@ -467,28 +468,19 @@ impl Fusion {
 
     /// Midpoint: posture, shape (3,), m, m, rad, and covariance, shape (3, 3).
     #[getter]
-    fn robot<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn robot<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.robot)
     }
 
     /// Front axle: posture, shape (3,), m, m, rad, and covariance, shape (3, 3); zero before the first step.
     #[getter]
-    fn front<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn front<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.front)
     }
 
     /// Rear axle: posture, shape (3,), m, m, rad, and covariance, shape (3, 3); zero before the first step.
     #[getter]
-    fn rear<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn rear<'py>(&self, py: Python<'py>) -> PyResult<(Row<'py>, Rows<'py>)> {
         pair(py, &lock(&self.state).1.rear)
     }
 }
@@ -528,11 +520,13 @@ impl KinematicLaw {
             let command = self.law.command(error, v_r, kappa_r);
             [command.v, command.kappa, command.phi_dot].map(f64::from)
         };
-        if let Ok(posture) = arrays::vector::<3>("postures", postures) {
+        let many = arrays::dimensions(postures)? > 1;
+        if !many {
+            let posture = arrays::vector::<3>("postures", postures)?;
             return Ok(arrays::row(py, at(posture).to_vec()).into_any());
         }
-        let many = arrays::numbers("postures", postures, &[None, Some(3)])?;
-        let commands: Vec<[f64; 3]> = many.as_chunks().0.iter().copied().map(at).collect();
+        let postures = arrays::numbers("postures", postures, &[None, Some(3)])?;
+        let commands: Vec<[f64; 3]> = postures.as_chunks().0.iter().copied().map(at).collect();
         Ok(rows(py, &commands)?.into_any())
     }
 }
@@ -584,14 +578,16 @@ impl Cascade {
         v: f64,
         steering_rad: f64,
         steering_rate_rad_s: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let motion = Motion {
             v: narrow("v", v)?,
             psi: Steering(narrow("steering_rad", steering_rad)?),
             psi_rate: narrow("steering_rate_rad_s", steering_rate_rad_s)?,
             ..Motion::default()
         };
-        let axles = self.cascade.references(posture("midpoint", midpoint)?, &motion);
+        let axles = self
+            .cascade
+            .references(posture("midpoint", midpoint)?, &motion);
         let postures: [[f32; 3]; 2] = axles.map(|axle| axle.posture.into());
         let twists = axles.map(|axle| [axle.twist.v, axle.twist.omega]);
         Ok((rows(py, &postures)?, rows(py, &twists)?))
@@ -712,5 +708,73 @@ impl Planner {
         result.set_item("approach", direction(plan.approach))?;
         result.set_item("cost_m", plan.cost_m)?;
         Ok(Some(result))
+    }
+}
+
+/// Equilibrium of the plant's strip between two clamps, in double precision.
+///
+/// length_m, bending_n_m2 (EI) and axial_n (EA) of the strip; tip: posture of its end in the coordinates of its root,
+/// shape (3,), m, m, rad (the whole turn); curvature: 1/m at 0.1, 0.3, 0.5, 0.7 and 0.9 of the length, shape (5,), near
+/// the branch that is wanted.
+///
+/// Gives a dict: wrench (3,), force (N) and moment (N m) that the end needs, in the root's coordinates; root_moment
+/// (N m); curvature (5,); stable, True if the equilibrium is stable with the end held.
+#[pyfunction]
+fn strip_equilibrium<'py>(
+    py: Python<'py>,
+    length_m: f64,
+    bending_n_m2: f64,
+    axial_n: f64,
+    tip: &Bound<'_, PyAny>,
+    curvature: &Bound<'_, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+    within("length_m", length_m, [1e-3, 1e3])?;
+    within("bending_n_m2", bending_n_m2, [1e-9, 1e9])?;
+    let slender = bending_n_m2 / (length_m * length_m);
+    within("axial_n", axial_n, [1e2 * slender, 1e9 * slender])?;
+    let tip = arrays::vector::<3>("tip", tip)?;
+    let seed = arrays::vector::<5>("curvature", curvature)?;
+    for (name, value, most) in [
+        ("tip[0]", tip[0], 1.1 * length_m),
+        ("tip[1]", tip[1], 1.1 * length_m),
+        ("tip[2]", tip[2], 20.0),
+    ] {
+        within(name, value, [-most, most])?;
+    }
+    within(
+        "distance of tip",
+        libm::hypot(tip[0], tip[1]),
+        [0.0, 1.05 * length_m],
+    )?;
+    for (i, value) in seed.into_iter().enumerate() {
+        let most = 50.0 / length_m;
+        within(&format!("curvature[{i}]"), value, [-most, most])?;
+    }
+    let strip = Strip::new(length_m, bending_n_m2, axial_n, 0.0);
+    let Some((equilibrium, stable)) = strip.find(tip, &PLACES, &seed) else {
+        let allowed = "a posture with an equilibrium on the branch of curvature";
+        return Err(refused("tip", format!("{tip:?}"), allowed));
+    };
+    let curvature = PLACES.map(|place| strip.elastic_curvature(&equilibrium, place * length_m));
+    let result = PyDict::new(py);
+    result.set_item(
+        "wrench",
+        arrays::row(py, strip.wrench(&equilibrium).to_vec()),
+    )?;
+    result.set_item("root_moment", strip.root_moment(&equilibrium))?;
+    result.set_item("curvature", arrays::row(py, curvature.to_vec()))?;
+    result.set_item("stable", stable)?;
+    Ok(result)
+}
+
+fn within(name: &str, value: f64, [low, high]: [f64; 2]) -> PyResult<()> {
+    match value >= low && value <= high {
+        true => Ok(()),
+        false => Err(refused(
+            name,
+            arrays::text(value),
+            format!("a number from {low:?} to {high:?}"),
+        )),
     }
 }

@@ -5,6 +5,11 @@ use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
 
+/// New array of one dimension.
+pub type Row<'py> = Bound<'py, PyArray1<f64>>;
+/// New array of two dimensions.
+pub type Rows<'py> = Bound<'py, PyArray2<f64>>;
+
 /// Array of `f64` from a nested sequence or an array of real numbers.
 fn converted<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
@@ -37,6 +42,12 @@ pub fn any_numbers(
     buffer.to_vec(py)
 }
 
+/// Number of dimensions of an array or a nested sequence.
+pub fn dimensions(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let numpy = value.py().import("numpy")?;
+    numpy.call_method1("ndim", (value,))?.extract()
+}
+
 /// Finite numbers of an array of the given shape; `None` as a length allows any.
 pub fn numbers(
     name: &str,
@@ -47,7 +58,7 @@ pub fn numbers(
     match numbers.iter().position(|number| !number.is_finite()) {
         Some(place) => Err(refused(
             format!("{name}{}", indices(place, shape)),
-            numbers[place],
+            text(numbers[place]),
             "a finite number",
         )),
         None => Ok(numbers),
@@ -119,12 +130,40 @@ pub fn covariance<const N: usize>(name: &str, value: &Bound<'_, PyAny>) -> PyRes
     Ok(matrix)
 }
 
+/// A number as Python prints it, 1e300 rather than three hundred zeros.
+pub fn text(number: f64) -> String {
+    match number.is_nan() {
+        true => "nan".to_owned(),
+        false => format!("{number:?}"),
+    }
+}
+
+/// A whole number that fits into 64 bits, such as a seed.
+pub fn whole(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    let number = value.call_method0("__index__");
+    let number = number.and_then(|number| number.extract());
+    number.map_err(|_| {
+        let found = value
+            .repr()
+            .map_or_else(|_| "?".to_owned(), |it| it.to_string());
+        refused(
+            name,
+            found,
+            format!("a whole number from 0 to {}", u64::MAX),
+        )
+    })
+}
+
 /// A finite number in single precision.
 pub fn narrow(name: &str, number: f64) -> PyResult<f32> {
     let single = number as f32;
     match single.is_finite() {
         true => Ok(single),
-        false => Err(refused(name, number, "a finite number in single precision")),
+        false => Err(refused(
+            name,
+            text(number),
+            "a finite number in single precision",
+        )),
     }
 }
 
@@ -136,7 +175,7 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
             let length = |it: &Option<usize>| it.map_or("any".to_owned(), |it| it.to_string());
             let wanted: Vec<_> = wanted.iter().map(length).collect();
             Err(refused(
-                format!("shape of {name}"),
+                format!("{name}.shape"),
                 format!("{found:?}"),
                 format!("[{}]", wanted.join(", ")),
             ))
@@ -229,10 +268,7 @@ pub fn row<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>>
 }
 
 /// New array of two dimensions.
-pub fn rows<'py, T, const N: usize>(
-    py: Python<'py>,
-    rows: &[[T; N]],
-) -> PyResult<Bound<'py, PyArray2<f64>>>
+pub fn rows<'py, T, const N: usize>(py: Python<'py>, rows: &[[T; N]]) -> PyResult<Rows<'py>>
 where
     T: Copy + Into<f64>,
 {

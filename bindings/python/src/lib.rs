@@ -8,6 +8,7 @@
 //! | [`trial`] | whole trials, on threads |
 //! | [`plant`] | simulated plant, stepped from Python |
 //! | [`robot`] | boards with sensors and bus, stepped from Python |
+//! | [`own`] | controller and estimator of the user |
 //! | [`algorithms`] | single algorithms of the boards |
 //!
 //! An object holds its state behind a lock, so threads take turns. The interpreter is free during every simulation.
@@ -15,6 +16,7 @@
 mod algorithms;
 mod arrays;
 mod errors;
+mod own;
 mod plant;
 mod robot;
 mod scenario;
@@ -30,5 +32,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     trial::add(module)?;
     plant::add(module)?;
     robot::add(module)?;
+    own::add(module)?;
     algorithms::add(module)
 }

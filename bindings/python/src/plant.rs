@@ -1,12 +1,12 @@
 //! The simulated plant, stepped from Python.
 
-use crate::arrays::{self, Kept};
+use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{of, refused};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, drawn_by};
 use host_sim::run::robot::{FRAME_POINTS, outlines};
 use host_sim::run::simulation::DrawnPlant;
 use host_sim::world::sensors::Truth;
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{PyArray3, PyArrayMethods};
 use plant::Outline;
 use pyo3::prelude::*;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -77,8 +77,13 @@ fn torques(value: &Bound<'_, PyAny>, axles: usize) -> PyResult<Vec<[f64; 2]>> {
 #[pymethods]
 impl Plant {
     #[new]
-    #[pyo3(signature = (scenario, seed, trial=0))]
-    fn new(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<Self> {
+    #[pyo3(signature = (scenario, seed, trial=None))]
+    fn new(
+        scenario: &Scenario,
+        seed: &Bound<'_, PyAny>,
+        trial: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (seed, trial) = drawn_by(seed, trial)?;
         let scenario = &scenario.inner;
         let imperfections = scenario.world.draw(scenario.robot.topology(), seed, trial);
         let drawn = DrawnPlant::new(scenario, &imperfections).map_err(|error| of(&error))?;
@@ -146,8 +151,14 @@ impl Plant {
     }
 
     /// Advances by `count` ms with constant wheel torques, shape (axles, 2): left and right, N m.
-    fn steps(&self, py: Python<'_>, count: u64, torque: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn steps(
+        &self,
+        py: Python<'_>,
+        count: &Bound<'_, PyAny>,
+        torque: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         const BETWEEN_SIGNALS: u64 = 10_000;
+        let count = arrays::whole("count", count)?;
         let torque = torques(torque, self.state().truth.axles.len())?;
         let mut left = count;
         while left > 0 {
@@ -209,13 +220,13 @@ impl Plant {
 
     /// True posture of the midpoint, shape (3,): m, m, rad.
     #[getter]
-    fn midpoint<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn midpoint<'py>(&self, py: Python<'py>) -> Row<'py> {
         arrays::row(py, self.state().drawn.plant.midpoint().to_vec())
     }
 
     /// True postures of the axles, front first, shape (axles, 3): m, m, rad.
     #[getter]
-    fn axles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn axles<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.posture).collect::<Vec<_>>())
@@ -223,7 +234,7 @@ impl Plant {
 
     /// Velocities of the axles, shape (axles, 3): forward and to the left, m/s; yaw rate, rad/s.
     #[getter]
-    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn velocities<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.velocity).collect::<Vec<_>>())
@@ -231,7 +242,7 @@ impl Plant {
 
     /// Wheel speeds, shape (axles, 2): left and right, rad/s.
     #[getter]
-    fn wheel_speeds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn wheel_speeds<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let axles = state.drawn.plant.axles().iter();
         arrays::rows(py, &axles.map(|axle| axle.wheel_speed).collect::<Vec<_>>())
@@ -239,7 +250,7 @@ impl Plant {
 
     /// Postures of each axle in the frame of the axle behind it, shape (frames, 3): m, m, rad.
     #[getter]
-    fn relative<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn relative<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let plant = &state.drawn.plant;
         let frames = (0..plant.frame_count()).map(|frame| plant.relative_posture(frame));
@@ -249,7 +260,7 @@ impl Plant {
     /// Wrench of each frame on the axle behind it, in the coordinates of that axle, shape (frames, 4): force forward
     /// and to the left (N), moment at the root and at the tip (N m).
     #[getter]
-    fn wrenches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn wrenches<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
         let state = self.state();
         let plant = &state.drawn.plant;
         let wrench = |frame| {

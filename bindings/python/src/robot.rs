@@ -1,9 +1,10 @@
 //! The boards of a robot, with or without their sensors, stepped from Python.
 
-use crate::arrays::{self, Kept};
-use crate::errors::{of, refused};
+use crate::arrays::{self, Kept, Row, Rows};
+use crate::errors::{RunError, of, refused};
+use crate::own::{Failure, Makers};
 use crate::plant::{PER_AXLE, sensed_count, sensed_names};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, drawn_by};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::LeadMode;
 use core_algos::math::Posture;
@@ -18,11 +19,10 @@ use host_sim::scenario;
 use host_sim::targets::{self, HostCommand};
 use host_sim::world::faults::Readings;
 use host_sim::world::sensors::{AxleTruth, Truth};
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use recording::entry::LeadEntry;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
 
 /// Adds the classes to the module.
 pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -41,14 +41,18 @@ struct State {
     /// Arrays of the caller: sensed values and torques.
     arrays: [Kept; 2],
     estimate: Kept,
+    /// Exceptions of the user's parts.
+    failure: Failure,
 }
 
 impl State {
-    fn new(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<Self> {
-        let scenario = scenario.inner.clone();
+    fn new(scenario: &Scenario, (seed, trial): (u64, u64), parts: Makers) -> PyResult<Self> {
+        let failure = Failure::default();
+        let mut scenario = scenario.inner.clone();
+        scenario.own = parts.own(&failure);
         let topology = scenario.robot.topology();
         let drawn = scenario.world.draw(topology, seed, trial);
-        let boards = targets::in_process(topology);
+        let boards = targets::in_process_with(topology, &scenario.own);
         let rig = Rig::new(boards, &scenario, &drawn, (seed, trial));
         let gauges = scenario.world.sensors.bridge.gauges_m.len();
         let truth = Truth {
@@ -66,6 +70,7 @@ impl State {
             stream: None,
             arrays: Default::default(),
             estimate: Kept::default(),
+            failure,
             scenario,
         })
     }
@@ -118,18 +123,37 @@ fn feed(rig: &mut Rig, stream: &mut Option<Stream>) -> PyResult<()> {
 macro_rules! tasks {
     ($class:ident { $($own:tt)* }) => {
         impl $class {
-            fn state(&self) -> MutexGuard<'_, State> {
-                self.state.lock().unwrap_or_else(PoisonError::into_inner)
+            /// The state. Refused while a step is in progress: it calls parts of the user, which may ask for the
+            /// state too, or let another thread ask.
+            fn state(&self) -> PyResult<MutexGuard<'_, State>> {
+                match self.state.try_lock() {
+                    Ok(state) => Ok(state),
+                    Err(TryLockError::Poisoned(state)) => Ok(state.into_inner()),
+                    Err(TryLockError::WouldBlock) => {
+                        Err(RunError::new_err("a step of this robot is in progress"))
+                    }
+                }
             }
         }
 
         #[pymethods]
         impl $class {
             #[new]
-            #[pyo3(signature = (scenario, seed, trial=0))]
-            fn new(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<Self> {
+            #[pyo3(signature = (scenario, seed, trial=None, *, controller=None, estimator=None))]
+            fn new(
+                scenario: &Scenario,
+                seed: &Bound<'_, PyAny>,
+                trial: Option<&Bound<'_, PyAny>>,
+                controller: Option<Py<PyAny>>,
+                estimator: Option<Py<PyAny>>,
+            ) -> PyResult<Self> {
+                let parts = Makers {
+                    controller,
+                    estimator,
+                };
+                let state = State::new(scenario, drawn_by(seed, trial)?, parts)?;
                 Ok(Self {
-                    state: Mutex::new(State::new(scenario, seed, trial)?),
+                    state: Mutex::new(state),
                 })
             }
 
@@ -138,7 +162,7 @@ macro_rules! tasks {
             /// Drives the midpoint to a posture (m, m, rad; by default the goal of the scenario) and to rest.
             #[pyo3(signature = (goal=None))]
             fn regulate(&self, goal: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-                let mut state = self.state();
+                let mut state = self.state()?;
                 let goal = match goal {
                     Some(goal) => arrays::single::<3>("goal", goal)?.map(f64::from),
                     None => state.scenario.mission.goal,
@@ -151,7 +175,7 @@ macro_rules! tasks {
             /// as a trajectory. A path whose last waypoint repeats the first is closed and driven `laps` times.
             #[pyo3(signature = (points, laps=1, timed=false))]
             fn follow(&self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
-                self.state().follow(points, laps, timed)
+                self.state()?.follow(points, laps, timed)
             }
 
             /// Drives with a speed (m/s) and a curvature (1/m) of the midpoint. Without a new command the robot stops
@@ -161,42 +185,42 @@ macro_rules! tasks {
                     speed_m_s: arrays::narrow("speed_m_s", speed_m_s)?,
                     curvature: arrays::narrow("curvature", curvature)?,
                 };
-                self.state().command(task)
+                self.state()?.command(task)
             }
 
             /// Brakes and holds.
             fn stop(&self) -> PyResult<()> {
-                self.state().command(Task::Stop)
+                self.state()?.command(Task::Stop)
             }
 
             /// Switches the motors off.
             fn idle(&self) -> PyResult<()> {
-                self.state().command(Task::Idle)
+                self.state()?.command(Task::Idle)
             }
 
             /// Clears latched faults whose causes are gone.
             fn clear(&self) -> PyResult<()> {
-                self.state().command(Task::Clear)
+                self.state()?.command(Task::Clear)
             }
 
             /// Time since the start, s.
             #[getter]
-            fn time_s(&self) -> f64 {
-                self.state().rig.now() as f64 * 1e-6
+            fn time_s(&self) -> PyResult<f64> {
+                Ok(self.state()?.rig.now() as f64 * 1e-6)
             }
 
             /// True if the task is done and the robot at rest.
             #[getter]
-            fn done(&self) -> bool {
-                let state = self.state();
+            fn done(&self) -> PyResult<bool> {
+                let state = self.state()?;
                 let lead = state.rig.lead();
-                lead.done && lead.mode == LeadMode::Hold
+                Ok(lead.done && lead.mode == LeadMode::Hold)
             }
 
             /// Output of the lead node: name of a column of the log, without "lead.", to its value.
             #[getter]
             fn lead<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-                let state = self.state();
+                let state = self.state()?;
                 let (now, lead) = (state.rig.now(), state.rig.lead());
                 let entry = LeadEntry::new((now / 1000) as u32, now as f64 * 1e-6, lead);
                 let dict = PyDict::new(py);
@@ -209,7 +233,7 @@ macro_rules! tasks {
             /// Writes the estimated posture of the midpoint (m, m, rad) and its covariance, row by row, into `out`,
             /// float64 of shape (12,). The covariance is zero without an estimate.
             fn estimate_into(&self, py: Python<'_>, out: &Bound<'_, PyAny>) -> PyResult<()> {
-                let mut state = self.state();
+                let mut state = self.state()?;
                 state.estimate.target("out", out, &[12])?;
                 let robot = &state.rig.lead().fused.robot;
                 let posture: [f32; 3] = robot.posture.into();
@@ -220,28 +244,28 @@ macro_rules! tasks {
 
             /// Estimated posture of the midpoint, shape (3,): m, m, rad.
             #[getter]
-            fn posture<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-                let Posture { x, y, phi } = self.state().rig.lead().fused.robot.posture;
-                arrays::row(py, [x, y, phi].map(f64::from).to_vec())
+            fn posture<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
+                let Posture { x, y, phi } = self.state()?.rig.lead().fused.robot.posture;
+                Ok(arrays::row(py, [x, y, phi].map(f64::from).to_vec()))
             }
 
             /// Covariance of the estimated posture, shape (3, 3): m², m rad, rad².
             #[getter]
-            fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-                arrays::rows(py, &self.state().rig.lead().fused.robot.covariance)
+            fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
+                arrays::rows(py, &self.state()?.rig.lead().fused.robot.covariance)
             }
 
             /// Names of the notices and degradations of all nodes since the latest task.
             #[getter]
-            fn notices(&self) -> Vec<&'static str> {
-                let notices = self.state().rig.monitor.notices();
-                notices.iter().map(|notice| notice.entry().name).collect()
+            fn notices(&self) -> PyResult<Vec<&'static str>> {
+                let notices = self.state()?.rig.monitor.notices();
+                Ok(notices.iter().map(|notice| notice.entry().name).collect())
             }
 
             /// Reason that the robot stopped with a fault, with code, time and remedy; None if it did not.
             #[getter]
-            fn fault(&self) -> Option<String> {
-                self.state().rig.monitor.why_stopped()
+            fn fault(&self) -> PyResult<Option<String>> {
+                Ok(self.state()?.rig.monitor.why_stopped())
             }
         }
     };
@@ -265,11 +289,12 @@ tasks!(Robot {
         sensed: &Bound<'_, PyAny>,
         torque: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
-        let mut state = self.state();
+        let mut state = self.state()?;
         let State {
             rig,
             truth,
             stream,
+            failure,
             sensed: values,
             arrays: [from, to],
             ..
@@ -292,25 +317,26 @@ tasks!(Robot {
         gauges.zip(strains).for_each(|(to, strain)| *to = *strain);
         feed(rig, stream)?;
         let given = rig.step(truth).map_err(|error| of(&error))?;
+        failure.check()?;
         to.write(py, given.as_flattened())
     }
 
     /// Number of sensed values: four an axle, then the strains of each frame.
     #[getter]
-    fn sensed_count(&self) -> usize {
-        sensed_count(&self.state().truth)
+    fn sensed_count(&self) -> PyResult<usize> {
+        Ok(sensed_count(&self.state()?.truth))
     }
 
     /// Names of the sensed values with their units.
     #[getter]
-    fn sensed_names(&self) -> Vec<String> {
-        sensed_names(&self.state().truth)
+    fn sensed_names(&self) -> PyResult<Vec<String>> {
+        Ok(sensed_names(&self.state()?.truth))
     }
 
     /// Strains as the beam boards read them, shape (frames, 8), from the root; zero where there is no gauge.
     #[getter]
-    fn strains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let state = self.state();
+    fn strains<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
+        let state = self.state()?;
         let frames = (0..state.truth.strains.len()).map(|frame| state.rig.strain(frame));
         arrays::rows(py, &frames.collect::<Vec<_>>())
     }
@@ -340,8 +366,8 @@ tasks!(Boards {
         counts: &Bound<'_, PyAny>,
         gyro: Option<&Bound<'_, PyAny>>,
         acceleration: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let mut state = self.state();
+    ) -> PyResult<Rows<'py>> {
+        let mut state = self.state()?;
         let (axles, frames) = (state.truth.axles.len(), state.truth.strains.len());
         let gauges = state.truth.strains.first().map_or(0, Vec::len);
         let encoder = arrays::any_numbers("encoder", encoder, &[Some(axles), Some(2)])?;
@@ -365,6 +391,7 @@ tasks!(Boards {
             readings,
             rig,
             stream,
+            failure,
             ..
         } = &mut *state;
         feed(rig, stream)?;
@@ -389,6 +416,7 @@ tasks!(Boards {
             }
         }
         let given = rig.step_with(readings).map_err(|error| of(&error))?;
+        failure.check()?;
         arrays::rows(py, given)
     }
 });

@@ -1,5 +1,6 @@
 //! Scenarios, their keys, and the errors of a drawn robot.
 
+use crate::arrays;
 use crate::errors::{of, refused};
 use core_algos::fusion::robot::Mode;
 use host_sim::base::toml_file;
@@ -200,6 +201,15 @@ fn python_value<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAn
     })
 }
 
+/// Seed and trial of a drawn robot; trial 0 by default.
+pub fn drawn_by(seed: &Bound<'_, PyAny>, trial: Option<&Bound<'_, PyAny>>) -> PyResult<(u64, u64)> {
+    let trial = trial.map(|trial| arrays::whole("trial", trial));
+    Ok((
+        arrays::whole("seed", seed)?,
+        trial.transpose()?.unwrap_or(0),
+    ))
+}
+
 /// Names of the built-in worlds.
 #[pyfunction]
 fn worlds() -> Vec<&'static str> {
@@ -215,15 +225,25 @@ fn keys_json(table: Option<&str>) -> PyResult<String> {
 
 /// Errors of a drawn robot, as JSON.
 #[pyfunction]
-fn drawn_json(scenario: &Scenario, seed: u64, trial: u64) -> String {
+fn drawn_json(
+    scenario: &Scenario,
+    seed: &Bound<'_, PyAny>,
+    trial: &Bound<'_, PyAny>,
+) -> PyResult<String> {
+    let (seed, trial) = drawn_by(seed, Some(trial))?;
     let scenario = &scenario.inner;
     let drawn = scenario.world.draw(scenario.robot.topology(), seed, trial);
-    json!(drawn).to_string()
+    Ok(json!(drawn).to_string())
 }
 
 /// Constants of a drawn robot's plant, its true start and the true positions of its gauges, as JSON.
 #[pyfunction]
-fn drawn_plant_json(scenario: &Scenario, seed: u64, trial: u64) -> PyResult<String> {
+fn drawn_plant_json(
+    scenario: &Scenario,
+    seed: &Bound<'_, PyAny>,
+    trial: &Bound<'_, PyAny>,
+) -> PyResult<String> {
+    let (seed, trial) = drawn_by(seed, Some(trial))?;
     let scenario = &scenario.inner;
     let world = &scenario.world;
     let drawn = world.draw(scenario.robot.topology(), seed, trial);

@@ -2,7 +2,8 @@
 
 use crate::arrays;
 use crate::errors::{RunError, of};
-use crate::scenario::Scenario;
+use crate::own::{Failure, Makers};
+use crate::scenario::{Scenario, drawn_by};
 use host_sim::base::error::Error;
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::robot::{Record, Robot};
@@ -131,19 +132,39 @@ fn row(scenario: &Scenario, trial: u64, outcome: &Outcome) -> Vec<(&'static str,
     csv::of_trial(&variant, trial as usize, outcome, goal).into_cells()
 }
 
+/// The scenario with parts of the user: functions or classes that make a controller and an estimator.
+fn with_parts(
+    scenario: &Scenario,
+    (controller, estimator): (Option<Py<PyAny>>, Option<Py<PyAny>>),
+    failure: &Failure,
+) -> Scenario {
+    let mut scenario = scenario.clone();
+    let makers = Makers {
+        controller,
+        estimator,
+    };
+    scenario.inner.own = makers.own(failure);
+    scenario
+}
+
 /// Log and end of a trial.
 #[pyfunction]
 fn run_columns<'py>(
     py: Python<'py>,
     scenario: &Scenario,
-    seed: u64,
-    trial: u64,
+    seed: &Bound<'py, PyAny>,
+    trial: &Bound<'py, PyAny>,
+    controller: Option<Py<PyAny>>,
+    estimator: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let (seed, trial) = drawn_by(seed, Some(trial))?;
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let failure = Failure::new(interrupt.clone());
+    let scenario = with_parts(scenario, (controller, estimator), &failure);
     let ran = py.detach(|| -> Result<_, PyErr> {
         let mut log = Columns::new(csv::record_columns());
         let rows = csv::RecordRows::default();
         let mut robot = Simulation::new(&scenario.inner, seed, trial).map_err(|it| of(&it))?;
-        let interrupt = Arc::new(AtomicBool::new(false));
         robot.control_mut().interrupt = Some(interrupt.clone());
         let (mut signal, mut epochs) = (Ok(()), 0);
         let observe = |record: &Record| {
@@ -156,11 +177,12 @@ fn run_columns<'py>(
         };
         let outcome = regulate_on(&mut robot, &scenario.inner, observe);
         signal?;
+        failure.check()?;
         Ok((log, outcome.map_err(|it| of(&it))?))
     });
     let (log, outcome) = ran?;
     let end = PyDict::new(py);
-    for (name, cell) in row(scenario, trial, &outcome) {
+    for (name, cell) in row(&scenario, trial, &outcome) {
         end.set_item(name, python_cell(py, cell)?)?;
     }
     Ok((log.into_dict(py)?, end))
@@ -171,19 +193,36 @@ fn run_columns<'py>(
 fn run_rows<'py>(
     py: Python<'py>,
     scenarios: Vec<Bound<'py, Scenario>>,
-    trials: Vec<(u64, u64)>,
+    trials: Vec<[Bound<'py, PyAny>; 2]>,
     threads: usize,
+    controller: Option<Py<PyAny>>,
+    estimator: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let scenarios: Vec<Scenario> = scenarios.iter().map(|it| it.get().clone()).collect();
+    let trials = trials
+        .iter()
+        .map(|[seed, trial]| drawn_by(seed, Some(trial)));
+    let trials = trials.collect::<PyResult<Vec<_>>>()?;
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let failure = Failure::new(interrupt.clone());
+    let parts = || {
+        let part = |part: &Option<Py<PyAny>>| part.as_ref().map(|it| it.clone_ref(py));
+        (part(&controller), part(&estimator))
+    };
+    let scenarios = scenarios.iter();
+    let scenarios: Vec<Scenario> = scenarios
+        .map(|it| with_parts(it.get(), parts(), &failure))
+        .collect();
     let count = scenarios.len() * trials.len();
     let outcomes = py.detach(|| {
-        run_all(count, threads, |k, interrupt| {
+        let outcomes = run_all(count, threads, &interrupt, |k| {
             let (seed, trial) = trials[k % trials.len()];
             let scenario = &scenarios[k / trials.len()].inner;
             let mut robot = Simulation::new(scenario, seed, trial)?;
             robot.control_mut().interrupt = Some(interrupt.clone());
             regulate_on(&mut robot, scenario, |_| ())
-        })
+        });
+        failure.check()?;
+        outcomes
     })?;
     let mut table = Columns::default();
     for (k, outcome) in outcomes.iter().enumerate() {
@@ -204,9 +243,9 @@ fn run_rows<'py>(
 fn run_all(
     count: usize,
     threads: usize,
-    job: impl Fn(usize, &Arc<AtomicBool>) -> Result<Outcome, Error> + Sync,
+    interrupt: &AtomicBool,
+    job: impl Fn(usize) -> Result<Outcome, Error> + Sync,
 ) -> PyResult<Vec<Outcome>> {
-    let interrupt = Arc::new(AtomicBool::new(false));
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<Option<Result<Outcome, Error>>>> =
         Mutex::new((0..count).map(|_| None).collect());
@@ -215,7 +254,7 @@ fn run_all(
     thread::scope(|scope| {
         for _ in 0..threads.min(count) {
             let ended = ended.clone();
-            let (job, next, results, interrupt) = (&job, &next, &results, &interrupt);
+            let (job, next, results) = (&job, &next, &results);
             scope.spawn(move || {
                 // Held until this thread ends.
                 let _ended = ended;
@@ -224,7 +263,7 @@ fn run_all(
                     if k >= count {
                         break;
                     }
-                    let result = job(k, interrupt);
+                    let result = job(k);
                     if result.is_err() {
                         interrupt.store(true, Relaxed);
                     }
@@ -258,6 +297,7 @@ fn run_all(
     }
     match error {
         Some(error) => Err(of(&error)),
+        // Ended by an exception of a part of the user.
         None if outcomes.len() < count => Err(RunError::new_err("interrupted")),
         None => Ok(outcomes),
     }

@@ -4,10 +4,6 @@
 //! the cascade turns the result into references of the axles.
 
 use super::regulator::Input;
-use core::fmt;
-
-/// Memory of a controller between steps, zero at the beginning of a task.
-pub type Memory = [f32; 8];
 
 /// Motion commanded by a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,32 +12,47 @@ pub struct ControllerOutput {
     pub v: f32,
     /// Curvature of the path of O, 1/m.
     pub kappa: f32,
-    /// True if the goal is reached and the robot at rest.
+    /// True if the goal is reached: the robot brakes, and the task is done once the robot is at rest.
     pub done: bool,
 }
 
-/// Kinematic controller that drives O to a goal posture.
-pub trait KinematicController: Sync {
-    /// Motion for the next epoch of 10 ms.
-    fn step(&self, memory: &mut Memory, input: &Input) -> ControllerOutput;
-}
-
-/// The user's own controller; `None` for the regulator.
-#[derive(Clone, Copy, Default)]
-pub struct CustomController(pub Option<&'static dyn KinematicController>);
-
-impl PartialEq for CustomController {
-    fn eq(&self, other: &Self) -> bool {
-        match (self.0, other.0) {
-            (Some(one), Some(other)) => core::ptr::addr_eq(one, other),
-            (None, None) => true,
-            _ => false,
-        }
+impl ControllerOutput {
+    /// True if velocity and curvature are finite.
+    pub fn is_finite(&self) -> bool {
+        self.v.is_finite() && self.kappa.is_finite()
     }
 }
 
-impl fmt::Debug for CustomController {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.0.map_or("regulator", |_| "own controller"))
-    }
+/// Kinematic controller that drives O to a goal posture. The controller owns its memory.
+///
+/// # Example
+///
+/// ```
+/// use core_algos::control::controller::{ControllerOutput, KinematicController};
+/// use core_algos::control::regulator::Input;
+///
+/// /// Drives straight ahead for two seconds.
+/// #[derive(Default)]
+/// struct Ahead {
+///     epochs: u32,
+/// }
+///
+/// impl KinematicController for Ahead {
+///     fn begin(&mut self) {
+///         self.epochs = 0;
+///     }
+///
+///     fn step(&mut self, _input: &Input) -> ControllerOutput {
+///         self.epochs += 1;
+///         ControllerOutput { v: 0.1, kappa: 0.0, done: self.epochs > 200 }
+///     }
+/// }
+/// ```
+pub trait KinematicController {
+    /// Forgets the memory. Called before the first step, and after each command of a task.
+    fn begin(&mut self) {}
+
+    /// Motion for the next epoch of 10 ms. An output that is not finite ends the task without success: the robot
+    /// brakes.
+    fn step(&mut self, input: &Input) -> ControllerOutput;
 }

@@ -6,12 +6,14 @@
 //! Second tier, on the lead node: [`robot`] combines odometric increments of both axles with the beam's posture. Its
 //! methods are [`intersection`] (covariance intersection), [`ipec`] (internal posture error correction) and [`joint`]
 //! (one filter of both axles). [`compound`] computes a posture seen through the beam. [`constants`] describes errors
-//! that stay the same throughout a drive, [`track`] a posture's sensitivity to them.
+//! that stay the same throughout a drive, [`track`] a posture's sensitivity to them. [`estimator`] is the interface of
+//! an estimator of the user.
 
 pub mod compound;
 pub mod constants;
 pub mod covariance;
 pub mod ekf;
+pub mod estimator;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;

@@ -35,7 +35,7 @@
 use super::Outbox;
 use super::axle::{self, AxleNode};
 use super::beam::{self, BeamNode};
-use super::lead::{self, LeadNode};
+use super::lead::{self, LeadNode, Own};
 use super::robot::RobotConfig;
 use crate::bus::Message;
 use crate::config::ConfigError;
@@ -180,6 +180,17 @@ impl Board {
     /// Runs one tick at `now`; messages of the nodes are appended to `outbox`. Samples of another kind of board count
     /// as missing.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
+        self.step_with(now, samples, outbox, &mut Own::default())
+    }
+
+    /// [`Self::step`] with parts of the user, which the lead node uses.
+    pub fn step_with(
+        &mut self,
+        now: Micros,
+        samples: &Samples,
+        outbox: &mut Outbox,
+        own: &mut Own<'_>,
+    ) -> Output {
         match self {
             Self::Axle { axle, lead: None } => step_axle(axle, now, samples, outbox),
             Self::Axle {
@@ -188,7 +199,7 @@ impl Board {
             } => {
                 let mut output = step_axle(axle, now, samples, outbox);
                 if now % EPOCH == LEAD_PHASE {
-                    output.lead = Some(lead.step(now, outbox));
+                    output.lead = Some(lead.step_with(now, outbox, own));
                 } else if !is_epoch_start(now) {
                     lead.prepare();
                 }

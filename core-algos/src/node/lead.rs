@@ -17,6 +17,7 @@
 mod config;
 mod frames;
 mod fuse;
+mod own;
 mod pair;
 mod send;
 mod task;
@@ -24,6 +25,7 @@ mod track;
 mod watch;
 
 pub use config::{Algorithms, Config, Limits};
+pub use own::Own;
 use pair::{Fused, Pair};
 pub use task::{Activity, Placement, Task};
 use track::AxleTrack;
@@ -33,7 +35,6 @@ use super::path_task;
 use super::peers::{self, Peers};
 use crate::bus::LeadMode;
 use crate::control::cascade::{Cascade, Motion};
-use crate::control::controller::{CustomController, KinematicController, Memory};
 use crate::control::governor::{self, GovernorInput};
 use crate::control::regulator::{self, Phase};
 use crate::fusion::robot;
@@ -95,7 +96,8 @@ pub struct Output {
     pub target: Option<Posture>,
     /// True if the task is fulfilled and the robot at rest.
     pub done: bool,
-    /// Reason for which the task ended without success: gave up or no progress.
+    /// Reason for which the task ended without success: gave up, no progress, or an output of the user's controller
+    /// that is not finite.
     pub failed: Option<Condition>,
     /// Operating state of the lead node, and its reason.
     pub supervision: supervisor::Output,
@@ -112,8 +114,10 @@ pub struct State {
     /// Posture of O in the frame `odom`.
     odom: Option<Posture>,
     regulator: regulator::State,
-    /// Memory of the user's controller.
-    memory: Memory,
+    /// True if the user's controller has begun the task.
+    begun: bool,
+    /// True if the latest estimates of the user's estimator are not sound.
+    unsound: bool,
     governor: governor::State,
     /// True if the task was fulfilled at the latest step.
     done: bool,
@@ -189,7 +193,8 @@ impl From<path_task::PathStep> for Decision {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeadNode {
     with: Algorithms,
-    own: CustomController,
+    /// Placement that the user's estimator has not received.
+    placement: Option<Placement>,
     /// Buffers of path and trajectory. Outside of `state`, which passes over the stack: the buffers are three times as
     /// large as `state`.
     path_task: path_task::State,
@@ -201,19 +206,15 @@ impl LeadNode {
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
-            own: CustomController::default(),
+            placement: None,
             path_task: path_task::State::EMPTY,
             state: State::default(),
         }
     }
 
-    /// Replaces the regulator by a controller of the user.
-    pub fn set_controller(&mut self, controller: &'static dyn KinematicController) {
-        self.own = CustomController(Some(controller));
-    }
-
-    /// Resets the node to the state of [`Self::new`], with the same controller.
+    /// Resets the node to the state of [`Self::new`].
     pub fn restart(&mut self) {
+        self.placement = None;
         self.path_task.clear();
         self.state = State::default();
     }
@@ -228,6 +229,7 @@ impl LeadNode {
                 .fusion
                 .start(center, relative, placement.floor_drift),
         );
+        self.placement = Some(*placement);
     }
 
     /// State of the fusion of axles and beam; `None` before the start.
@@ -247,18 +249,13 @@ impl LeadNode {
         }
         (self.state.done, self.state.failed) = (false, None);
         (self.state.silent, self.state.lost) = (0, false);
-        self.state.memory = Memory::default();
+        self.state.begun = false;
         // A path continues after faults are cleared.
         if !(task.is_on_path() || task == Task::Clear) {
             self.path_task.forget();
         }
         self.state.released = false;
         self.path_task.restart();
-    }
-
-    /// True if a controller of the user replaces the regulator.
-    pub fn has_own_controller(&self) -> bool {
-        self.own.0.is_some()
     }
 
     /// Operating state of the node, and its reason.
@@ -313,8 +310,14 @@ impl LeadNode {
 
     /// Runs one step at `now`; references go to `outbox`.
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
+        self.step_with(now, outbox, &mut Own::default())
+    }
+
+    /// [`Self::step`] with parts of the user. Every step takes the same parts.
+    pub fn step_with(&mut self, now: Micros, outbox: &mut Outbox, own: &mut Own<'_>) -> Output {
+        self.begin(own);
         self.state.silent = self.state.silent.saturating_add(EPOCH);
-        let fused = self.fuse(now);
+        let fused = self.fuse(now, own);
         if let (Some(fused), Some(fusion)) = (&fused, self.fusion()) {
             // A robot that stops on its path keeps `odom`.
             let waits = self.state.task.is_on_path() && !self.state.is_over();
@@ -338,7 +341,7 @@ impl LeadNode {
             },
             _ if self.state.failed.is_some() => self.give_up(),
             _ => {
-                let decision = self.decide(now, &Transform::from(driven));
+                let decision = self.decide(now, &Transform::from(driven), own);
                 self.at_end(decision, fused.robot().posture)
             }
         };
@@ -404,7 +407,7 @@ impl LeadNode {
     }
 
     /// Motion and mode that the task demands with O at `center`.
-    fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
+    fn decide(&mut self, now: Micros, center: &Transform, own: &mut Own<'_>) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;
         match state.task {
@@ -425,18 +428,17 @@ impl LeadNode {
                     goal,
                     within,
                 };
-                let (v, kappa, phase, done) = match self.own.0 {
-                    None => {
-                        let output = self.with.regulator.tick(&mut state.regulator, &input);
-                        let command = output.command;
-                        (command.v, command.kappa, output.phase, output.done)
-                    }
-                    Some(controller) => {
-                        let wanted = controller.step(&mut state.memory, &input);
-                        let phase = [Phase::Approach, Phase::Done][usize::from(wanted.done)];
-                        (wanted.v, wanted.kappa, phase, wanted.done)
-                    }
-                };
+                if let Some(controller) = own.controller.as_deref_mut() {
+                    let output = controller.step(&input);
+                    return own::decision(&self.with.cascade, &output, &motion);
+                }
+                let output = self.with.regulator.tick(&mut state.regulator, &input);
+                let regulator::Output {
+                    command,
+                    phase,
+                    done,
+                    ..
+                } = output;
                 let reason = match state.regulator.is_blocked() {
                     true => Condition::NoProgress,
                     false => Condition::GaveUp,
@@ -444,8 +446,8 @@ impl LeadNode {
                 Decision {
                     governor_input: Some(GovernorInput::from_curvature(
                         &self.with.cascade,
-                        v,
-                        kappa,
+                        command.v,
+                        command.kappa,
                     )),
                     mode: active_until(done),
                     phase,

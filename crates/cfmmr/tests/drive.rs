@@ -7,11 +7,11 @@ use crate::program::command;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::{Role, Topology};
-use host_sim::run::regulate::regulate_on;
+use host_sim::run::regulate::regulate;
 use host_sim::run::robot::Robot;
-use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
-use host_sim::targets::{HostCommand, InProcess};
+use host_sim::scenario::own::Own;
+use host_sim::targets::HostCommand;
 use remote::board_link::BoardLink;
 use remote::board_log::BoardLog;
 use remote::images::Images;
@@ -249,16 +249,9 @@ fn robot_without_cable_stops_and_a_reconnected_host_commands_it() {
 /// The control law of the example drives the robot, in process and in the image of the example.
 #[test]
 fn own_controller_replaces_the_regulator() {
-    let scenario = Scenario::default();
-    let boards = Role::PAIR.map(|role| {
-        Box::new(InProcess::with_controller(
-            Topology::PAIR,
-            role,
-            &law::Polar,
-        )) as _
-    });
-    let mut robot = Simulation::on(boards.into(), &scenario, 1, 0).unwrap();
-    let outcome = regulate_on(&mut robot, &scenario, |_| ()).unwrap();
+    let mut scenario = Scenario::default();
+    scenario.own = Own::default().with_controller(law::Polar::default);
+    let outcome = regulate(&scenario, 1, 0, |_| ()).unwrap();
     assert!(outcome.end.is_success() && outcome.plans == 0);
     let [x, y, _] = outcome.midpoint;
     assert!(x.hypot(y) < 0.05, "{x} {y}");

@@ -1,24 +1,28 @@
 //! A kinematic controller: the law in polar coordinates.
 
-use core_algos::control::controller::{ControllerOutput, KinematicController, Memory};
+use core_algos::control::controller::{ControllerOutput, KinematicController};
 use core_algos::control::regulator::Input;
 use core_algos::math::trig::{atan2, hypot, wrap_angle};
 
 /// Law in polar coordinates. The robot stops within 1 cm of the goal, or within 10 cm if the goal lies behind.
-pub struct Polar;
+#[derive(Default)]
+pub struct Polar {
+    /// True once the robot has arrived.
+    arrived: bool,
+}
 
 impl KinematicController for Polar {
-    fn step(&self, memory: &mut Memory, input: &Input) -> ControllerOutput {
+    fn begin(&mut self) {
+        self.arrived = false;
+    }
+
+    fn step(&mut self, input: &Input) -> ControllerOutput {
         let ahead = input.goal.relative_to(input.posture);
         let distance = hypot(ahead.x, ahead.y);
-        // Memory: 1 once the robot has arrived.
-        if distance < 0.01 || (distance < 0.1 && ahead.x < 0.0) {
-            memory[0] = 1.0;
-        }
-        if memory[0] == 1.0 {
-            let done = input.speed_m_s.abs() < 1e-3;
+        self.arrived |= distance < 0.01 || (distance < 0.1 && ahead.x < 0.0);
+        if self.arrived {
             return ControllerOutput {
-                done,
+                done: true,
                 ..ControllerOutput::default()
             };
         }

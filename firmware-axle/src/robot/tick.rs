@@ -10,7 +10,7 @@ use core_algos::link::MotorState;
 use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::TickStep;
-use core_algos::node::{Outbox, axle};
+use core_algos::node::{Outbox, axle, lead};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
@@ -19,6 +19,7 @@ use firmware_common::can::Arrived;
 use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
+use super::Own;
 use super::encoders::Encoders;
 use super::inertial::Inertial;
 use super::motors::Motors;
@@ -58,7 +59,9 @@ pub struct Axle {
     pub button: Button,
     /// Axle node, and lead node on the front board.
     pub nodes: &'static mut Board,
-    /// Observer of the wheel speeds, which give the back EMF.
+    /// Parts of the user in the lead node.
+    pub own: Own,
+    /// Wheel observers for the back-EMF.
     pub observer: WheelObserver,
     /// Thermal model of the motors.
     pub winding: Winding,
@@ -202,9 +205,12 @@ impl AxleTick {
             self.axle.nodes.restart();
             self.own.clear();
             common.record_begin(now);
-            // A replay has no controller of the user, so it could not reproduce this board's commands.
-            let lead = self.axle.nodes.lead();
-            if lead.is_some_and(|lead| lead.has_own_controller()) {
+            // A replay has no parts of the user, so it could not reproduce this board's commands.
+            let Own {
+                controller,
+                estimator,
+            } = &self.axle.own;
+            if controller.is_some() || estimator.is_some() {
                 common.record_end();
             }
         }
@@ -241,7 +247,12 @@ impl AxleTick {
                 .with(Condition::Restarted, self.restarted),
         });
         let mut outbox = Outbox::new();
-        let output = self.axle.nodes.step(now, &samples, &mut outbox);
+        let Axle { nodes, own, .. } = &mut self.axle;
+        let mut own = lead::Own {
+            controller: own.controller.as_deref_mut().map(|it| it as _),
+            estimator: own.estimator.as_deref_mut().map(|it| it as _),
+        };
+        let output = nodes.step_with(now, &samples, &mut outbox, &mut own);
         common.record_tick(now, &samples, output.torque_nm);
         if let (Some(output), Some(lead)) = (output.lead, self.axle.nodes.lead()) {
             common.link.publish(now, output, lead);

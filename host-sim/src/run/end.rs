@@ -326,6 +326,10 @@ fn unfinished(
     match (why, lead.failed) {
         (Some(why), _) => (EndKind::Stopped, fault, Some(why)),
         (None, _) if fault.is_some() => (EndKind::Stopped, fault, None),
+        (None, Some(Condition::NotANumber)) => {
+            let why = "the controller's velocity or curvature is not finite";
+            (EndKind::Stopped, lead.failed, Some(why.to_owned()))
+        }
         (None, Some(Condition::NoProgress)) => (EndKind::NoProgress, lead.failed, None),
         (None, Some(_)) => (EndKind::GaveUp, lead.failed, None),
         (None, None) => (EndKind::TimeLimit, None, None),

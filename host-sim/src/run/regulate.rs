@@ -225,3 +225,6 @@ pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
     let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * libm::cos(steering);
     2.0 * libm::tan(steering) / chord
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,6 +8,7 @@ pub mod belief;
 pub mod board_parameters;
 pub mod effect;
 pub mod keys;
+pub mod own;
 pub mod variant;
 
 use crate::base::error::{Error, Refusal, within};
@@ -15,6 +16,7 @@ use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::scenario::board_parameters::Overlays;
+use crate::scenario::own::Own;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
@@ -107,6 +109,8 @@ pub struct Scenario {
     pub boards: Overlays,
     /// The true robot and its surroundings.
     pub world: World,
+    /// Parts of the user; not in a scenario file.
+    pub own: Own,
 }
 
 /// Layout of a scenario file: the tables of the world are on the top level, as `mission`, `robot` and `boards` are.
@@ -153,6 +157,7 @@ impl From<Layout> for Scenario {
                 bus: layout.bus,
                 placement: PlacementAccuracy::default(),
             },
+            own: Own::default(),
         }
     }
 }

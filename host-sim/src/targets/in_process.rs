@@ -2,8 +2,8 @@
 
 use super::{Fault, HostCommand, Outgoing, Output, Room, Target, TargetReport};
 use crate::base::error::Error;
+use crate::scenario::own::{Own, Parts};
 use core_algos::bus::{CanFrame, Message};
-use core_algos::control::controller::KinematicController;
 use core_algos::link::protocol::Placement;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
@@ -19,7 +19,7 @@ pub struct InProcess {
     board: Option<Board>,
     tick: Option<(u32, Samples)>,
     outbox: Outbox,
-    controller: Option<&'static dyn KinematicController>,
+    own: Parts,
 }
 
 impl InProcess {
@@ -31,18 +31,18 @@ impl InProcess {
             board: None,
             tick: None,
             outbox: Outbox::new(),
-            controller: None,
+            own: Parts::default(),
         }
     }
 
-    /// Board with a kinematic controller of the user, not started.
-    pub fn with_controller(
-        topology: Topology,
-        role: Role,
-        controller: &'static dyn KinematicController,
-    ) -> Self {
+    /// Board that has not been started; the lead node uses the parts of the user.
+    pub fn with_own(topology: Topology, role: Role, own: &Own) -> Self {
+        let own = match role {
+            Role::LEAD => own.make(),
+            _ => Parts::default(),
+        };
         Self {
-            controller: Some(controller),
+            own,
             ..Self::new(topology, role)
         }
     }
@@ -65,14 +65,8 @@ impl Target for InProcess {
         place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.board = Some(Board::new(config, self.role).map_err(Error::from)?);
-        let controller = self.controller;
-        if let Some(lead) = self.lead() {
-            if let Some(place) = place {
-                lead.initialize(place);
-            }
-            if let Some(controller) = controller {
-                lead.set_controller(controller);
-            }
+        if let (Some(lead), Some(place)) = (self.lead(), place) {
+            lead.initialize(place);
         }
         Ok(())
     }
@@ -111,7 +105,8 @@ impl Target for InProcess {
             return Err(Self::off(self.name));
         };
         self.outbox.clear();
-        let output = board.step(Micros::from(tick) * TICK, &samples, &mut self.outbox);
+        let now = Micros::from(tick) * TICK;
+        let output = board.step_with(now, &samples, &mut self.outbox, &mut self.own.lend());
         for message in self.outbox.iter() {
             send(Outgoing::Message(message));
         }

@@ -16,6 +16,7 @@ pub use in_process::InProcess;
 pub use losses::{Event, EventKind, Losses};
 
 use crate::base::error::Error;
+use crate::scenario::own::Own;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::link::protocol::{Placement, StackUse};
 use core_algos::node::board::Samples;
@@ -221,6 +222,11 @@ pub trait Target: Send {
 
 /// Boards of a robot that all run in this process.
 pub fn in_process(topology: Topology) -> Vec<Box<dyn Target>> {
-    let target = |role| Box::new(InProcess::new(topology, role)) as Box<dyn Target>;
+    in_process_with(topology, &Own::default())
+}
+
+/// All boards of a robot, in this process, with parts of the user.
+pub fn in_process_with(topology: Topology, own: &Own) -> Vec<Box<dyn Target>> {
+    let target = |role| Box::new(InProcess::with_own(topology, role, own)) as Box<dyn Target>;
     topology.boards().map(target).collect()
 }

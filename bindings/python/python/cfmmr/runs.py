@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from typing import Any
 
@@ -62,12 +62,20 @@ def _place(name: str) -> tuple[str, tuple[int, ...]]:
     return (base, (_POSTURE.index(end),)) if base and end in _POSTURE else (name, ())
 
 
-def run(scenario: Scenario, seed: int, trial: int = 0) -> tuple[Log, dict[str, Any]]:
+def run(
+    scenario: Scenario,
+    seed: int,
+    trial: int = 0,
+    *,
+    controller: Callable[[], Any] | None = None,
+    estimator: Callable[[], Any] | None = None,
+) -> tuple[Log, dict[str, Any]]:
     """Trial `trial` of `cfmmr posture --seed SEED` in a scenario.
 
-    Returns its log and its end: kind of the end, final errors and estimate, as in trials.csv.
+    controller, estimator: class, or function that makes an object, of the user's own (docs/python.md).
+    Returns the log and the end: kind of the end, final errors and estimate, as in trials.csv.
     """
-    columns, end = _native.run_columns(scenario, seed, trial)
+    columns, end = _native.run_columns(scenario, seed, trial, controller, estimator)
     return Log.of({name: np.asarray(values) for name, values in columns.items()}), end
 
 
@@ -82,12 +90,15 @@ def run_many(
     threads: int | None = None,
     executor: Executor | None = None,
     block: int = 8,
+    *,
+    controller: Callable[[], Any] | None = None,
+    estimator: Callable[[], Any] | None = None,
 ) -> dict[str, np.ndarray]:
     """Table of trials by column, a row a trial: all trials of the first scenario, then of the next.
 
     Each trial is a pair (seed, trial), or a seed alone for its trial 0. They run on `threads` threads (by default one a
     core), or in blocks of `block` trials on an executor of `concurrent.futures`, whose workers need this package. Neither
-    changes a bit of the result.
+    changes a bit of the result. controller, estimator: as for `run`; made once a trial.
     """
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
@@ -97,13 +108,14 @@ def run_many(
         threads = (os.cpu_count() or 1) if threads is None else threads
         if threads < 1:
             raise _refused("threads", threads, "a whole number of at least 1")
-        return _arrays(_native.run_rows(scenarios, pairs, threads))
+        return _arrays(_native.run_rows(scenarios, pairs, threads, controller, estimator))
     if threads is not None:
         raise _refused("threads", threads, "None with an executor, which has its own workers")
     if block < 1:
         raise _refused("block", block, "a whole number of at least 1")
     blocks = [pairs[first : first + block] for first in range(0, len(pairs), block)]
-    jobs = [executor.submit(_native.run_rows, [scenario], part, 1) for scenario in scenarios for part in blocks]
+    own = (controller, estimator)
+    jobs = [executor.submit(_native.run_rows, [scenario], part, 1, *own) for scenario in scenarios for part in blocks]
     try:
         tables = [_arrays(job.result()) for job in jobs]
     except BaseException:

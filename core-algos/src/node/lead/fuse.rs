@@ -2,7 +2,7 @@
 
 use super::pair::{Fused, Pair, neighbours};
 use super::track::{AxleReport, AxleTrack, EPOCHS, SETTLING};
-use super::{LeadNode, PAIRS, State};
+use super::{LeadNode, Own, PAIRS, State};
 use crate::bus::Message;
 use crate::fusion::Estimate;
 use crate::math::Twist;
@@ -96,9 +96,10 @@ impl LeadNode {
     }
 
     /// Advances the estimates to the latest epoch that all axles have reported; `None` while reports are missing or a
-    /// restarted axle settles.
-    pub(super) fn fuse(&mut self, now: Micros) -> Option<Fused> {
+    /// restarted axle settles, or if the estimates of a user's estimator are not sound.
+    pub(super) fn fuse(&mut self, now: Micros, own: &mut Own<'_>) -> Option<Fused> {
         let Self { with, state, .. } = self;
+        state.unsound = false;
         if state.pairs.iter().any(|pair| pair.fusion.is_none()) {
             return None;
         }
@@ -126,9 +127,11 @@ impl LeadNode {
         let pairs = core::array::from_fn(|pair| {
             let motion = neighbours(&motion, pair);
             let restarted = neighbours(&restarted, pair).map(Option::is_some);
-            state.pairs[pair].step(&with.fusion, now, motion, restarted, beams[pair])
+            state.pairs[pair].step(&with.fusion, now, motion, restarted, beams[pair], own)
         });
-        Some(Fused { pairs })
+        let fused = Fused { pairs };
+        state.unsound = own.estimator.is_some() && !fused.is_sound();
+        (!state.unsound).then_some(fused)
     }
 }
 

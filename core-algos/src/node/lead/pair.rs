@@ -4,9 +4,10 @@
 //! the robot's posture; it compiles for one pair only.
 
 use super::track::{Advance, AxleTrack, Recent};
-use super::{AXLES, NIS_MOST, NIS_SHARE, PAIRS};
+use super::{AXLES, NIS_MOST, NIS_SHARE, Own, PAIRS};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
+use crate::fusion::estimator::EstimatorOutput;
 use crate::fusion::robot::{self, PairAxle, RobotFusion};
 use crate::math::matrix::{Mat3, propagate};
 use crate::math::trig::sin_cos;
@@ -78,7 +79,7 @@ impl Pair {
     }
 
     /// Advances the estimate by the motion of the axles and a measurement of the frame. `restarted` is true for an
-    /// axle whose odometry restarted.
+    /// axle whose odometry restarted. The estimates of a user's estimator replace those of the fusion.
     pub(super) fn step(
         &mut self,
         with: &RobotFusion,
@@ -86,6 +87,7 @@ impl Pair {
         [front, rear]: [&Advance; 2],
         restarted: [bool; 2],
         beam: Option<Stamped<Estimate>>,
+        own: &mut Own<'_>,
     ) -> robot::Output {
         let Some(fusion) = &mut self.fusion else {
             return robot::Output::default();
@@ -110,11 +112,22 @@ impl Pair {
         if tested && fusion.joint().is_some() {
             self.nis += NIS_SHARE * (output.beam.nis.min(NIS_MOST) - self.nis);
         }
-        match (known, beam) {
-            (Some(axle), Some(beam)) if with.uses_beam() => {
-                with.rejoin(fusion, axle, &output, &beam.value)
-            }
-            _ => output,
+        let located = known.zip(beam).filter(|_| with.uses_beam());
+        let output = match located {
+            Some((axle, beam)) => with.rejoin(fusion, axle, &output, &beam.value),
+            None => output,
+        };
+        let Some(estimator) = own.estimator.as_deref_mut() else {
+            return output;
+        };
+        let stepped = estimator.step(&inputs);
+        let found = located.and_then(|(axle, beam)| estimator.rejoin(axle, &beam.value));
+        let EstimatorOutput { front, rear, robot } = found.unwrap_or(stepped);
+        robot::Output {
+            front,
+            rear,
+            robot,
+            ..output
         }
     }
 }
@@ -146,6 +159,16 @@ impl Fused {
     pub(super) fn is_refused(&self) -> bool {
         let mut pairs = self.pairs.iter();
         pairs.any(|pair| pair.beam.verdict == Verdict::Gated)
+    }
+
+    /// True if the robot can drive by the estimates of a user's estimator.
+    pub(super) fn is_sound(&self) -> bool {
+        let mut pairs = self.pairs.iter().map(|pair| EstimatorOutput {
+            front: pair.front,
+            rear: pair.rear,
+            robot: pair.robot,
+        });
+        pairs.all(|pair| pair.is_sound())
     }
 
     /// The estimates in the output of the lead node.

@@ -10,6 +10,7 @@ use crate::time::{LEAD_PHASE, Stamped};
 use crate::topology::{AxleId, FrameId};
 
 mod drives;
+mod own;
 
 /// Posture and uptime of both axles.
 type Axles = [(Posture, u8); 2];
@@ -20,6 +21,16 @@ fn epoch(node: &mut LeadNode, number: u64, axles: Axles) -> Output {
 }
 
 fn epoch_to(node: &mut LeadNode, number: u64, axles: Axles, outbox: &mut Outbox) -> Output {
+    epoch_with(node, number, axles, outbox, &mut Own::default())
+}
+
+fn epoch_with(
+    node: &mut LeadNode,
+    number: u64,
+    axles: Axles,
+    outbox: &mut Outbox,
+    own: &mut Own<'_>,
+) -> Output {
     let now = number * EPOCH;
     for axle in [AxleId(0), AxleId(1)] {
         let (posture, uptime) = axles[axle.index()];
@@ -27,7 +38,7 @@ fn epoch_to(node: &mut LeadNode, number: u64, axles: Axles, outbox: &mut Outbox)
             node.receive(now, &message);
         }
     }
-    node.step(now + LEAD_PHASE, outbox)
+    node.step_with(now + LEAD_PHASE, outbox, own)
 }
 
 /// Messages of the beam in an epoch.
@@ -231,7 +242,7 @@ fn posture_and_motion_in_either_order_give_an_estimate() {
                 node.receive(EPOCH, message);
             }
         }
-        assert!(node.fuse(EPOCH).is_some(), "{swapped}");
+        assert!(node.fuse(EPOCH, &mut Own::default()).is_some(), "{swapped}");
     }
 }
 
@@ -457,8 +468,8 @@ fn reports_older_than_the_timeout_give_no_estimate() {
     let mut node = node();
     epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
     let last = EPOCH + node.with.report_timeout;
-    assert!(node.clone().fuse(last).is_some());
-    assert!(node.fuse(last + 1).is_none());
+    assert!(node.clone().fuse(last, &mut Own::default()).is_some());
+    assert!(node.fuse(last + 1, &mut Own::default()).is_none());
 }
 
 /// A stop, or a drive without commands, is done at less than 4 mm/s.
@@ -479,7 +490,7 @@ fn a_stop_is_done_below_the_speed_of_rest() {
             node.command(task);
             node.state.silent = DEAD_MAN;
             node.state.governor.motion.v = v;
-            let decision = node.decide(0, &Transform::from(Posture::ORIGIN));
+            let decision = node.decide(0, &Transform::from(Posture::ORIGIN), &mut Own::default());
             assert_eq!(decision.done, done, "{task:?} {v}");
         }
     }

@@ -15,14 +15,14 @@
 //! | no posture of the beam was used | `BeamLost` | 100 ms | a fusion that uses the beam | the estimate gets worse |
 //! | bend of the frame by the beam or, without the beam, by the estimate | `FrameBent` | steering of 0.7 rad | always | the strip yields |
 //! | wrench of a frame that is bent by more than 0.05 rad | `WrenchHigh` | 25 N, 6 N m | a wrench no older than 50 ms | a blocked wheel |
-//! | estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
+//! | estimate not finite, or estimate of a user's estimator not sound | `NotANumber` | at once | always | control cannot be trusted |
 //! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
 //! | estimate too uncertain | `EstimateVague` | 5 m, 0.5 rad | always | reported to the user |
 //! | task done, but the 95 % ellipse too large or a sensor inconsistent | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
 //! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`InconsistentSensor`] | always | reported to the user |
 //! | running mean of the beam's NIS | `BeamInconsistent` | 3.0 | always | reported to the user |
 //! | no speed command, or host lost | `CommanderSilent` | 200 ms, at once | driven by hand; always | nobody steers |
-//! | task without success | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
+//! | task without success; output of a user's controller not finite: `GaveUp` | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
 //! | far from path or trajectory | `PathLost` | largest deviation | on a path | the robot drives elsewhere |
 //!
 //! Requests; a robot *rests* without a task or once it has been held for too long:
@@ -147,12 +147,16 @@ impl LeadNode {
             )
             .with(Condition::NeighbourFault, powered && (stopped || unarmed))
             .with(Condition::MessageLost, late)
-            .with(Condition::NotANumber, unsound)
+            .with(Condition::NotANumber, unsound || state.unsound)
             .with(Condition::EstimateInconsistent, refused)
             .with(Condition::EstimateVague, vague)
             .with(Condition::ReachedUncertain, uncertain)
             .with(Condition::CommanderSilent, state.is_silent())
-            .with(Condition::GaveUp, failed == Some(Condition::GaveUp))
+            // With `NotANumber`, of class cut, the robot could not brake.
+            .with(
+                Condition::GaveUp,
+                matches!(failed, Some(Condition::GaveUp | Condition::NotANumber)),
+            )
             .with(Condition::NoProgress, failed == Some(Condition::NoProgress))
             .with(Condition::PathLost, self.path_task.is_lost())
     }

@@ -16,6 +16,7 @@ use host_sim::base::{spelling, toml_file};
 use host_sim::run::robot::Span;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::GivenKeys;
+use host_sim::scenario::own::Own;
 use host_sim::targets::{Failure, FailureMode};
 use recording::Destinations;
 use remote::images::Images;
@@ -94,9 +95,10 @@ pub struct Common {
 }
 
 impl Common {
-    /// Scenario, threads and output of a command.
-    pub fn context(&self, name: &str) -> Result<Context, Error> {
-        let scenario = self.scenario.load()?;
+    /// Scenario, threads and output of a command, with parts of the user.
+    pub fn context(&self, name: &str, own: &Own) -> Result<Context, Error> {
+        let mut scenario = self.scenario.load()?;
+        scenario.own = own.clone();
         self.run.context(name, scenario, self.scenario.given()?)
     }
 }

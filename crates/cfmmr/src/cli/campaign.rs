@@ -11,6 +11,7 @@ use crate::experiments::result::Provenance;
 use clap::{Args, Subcommand};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
+use host_sim::scenario::own::Own;
 use output::terminal::print;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -80,16 +81,20 @@ pub struct CampaignStatus {
 }
 
 /// Runs `cfmmr campaign`.
-pub fn run(args: &CampaignArgs) -> Result<(), Error> {
+pub fn run(args: &CampaignArgs, own: &Own) -> Result<(), Error> {
     match &args.action {
         Some(CampaignAction::Merge(args)) => merge(args),
         Some(CampaignAction::Status(args)) => status(args),
-        None => shard(args, |name| std::env::var_os(name)),
+        None => shard(args, own, |name| std::env::var_os(name)),
     }
 }
 
 /// Computes the missing blocks of one shard; `variable` reads an environment variable.
-fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Result<(), Error> {
+fn shard(
+    args: &CampaignArgs,
+    own: &Own,
+    variable: impl Fn(&str) -> Option<OsString>,
+) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
             "missing argument: type FILE (a study), merge or status",
@@ -101,6 +106,7 @@ fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Re
         study.scenario.insert("world".to_owned(), world);
         study.check()?;
     }
+    study.set_own(own)?;
     let shard = match &args.shard {
         Some(text) => Shard::parse(text)?,
         None => Shard::from_environment(variable)?,
@@ -110,7 +116,7 @@ fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Re
         PathBuf::from("out").join(stem)
     });
     let directory = Directory::open_for(study, &out)?;
-    let done = parts::compute(&directory, &shard, &Workers::new(args.threads)?)?;
+    let done = parts::compute(&directory, &shard, &Workers::new(args.threads)?, own)?;
     print(&format!(
         "{}: part {} of {}: {} runs computed, {} already complete; in {}\n{}",
         directory.study().name,
@@ -230,7 +236,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let args = in_folder(folder.path(), &[]);
             let variable = |asked: &str| (asked == name).then(|| OsString::from(value));
-            let error = shard(&args, variable).unwrap_err();
+            let error = shard(&args, &Own::default(), variable).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{error}");
             assert!(
                 error.to_string().contains(&format!("{name}={value}")),
@@ -253,13 +259,19 @@ mod tests {
             _ => None,
         };
         let out = folder.path().join("out");
-        shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
+        let own = Own::default();
+        shard(&in_folder(folder.path(), &["--shard", "1/2"]), &own, pod).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
         // An environment that is refused without --shard is ignored with --shard.
         let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
-        shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
+        shard(
+            &in_folder(folder.path(), &["--shard", "1/2"]),
+            &own,
+            refused,
+        )
+        .unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
-        shard(&in_folder(folder.path(), &[]), pod).unwrap();
+        shard(&in_folder(folder.path(), &[]), &own, pod).unwrap();
         assert_eq!(files(&out), ["block-000000.jsonl", "block-000001.jsonl"]);
     }
 }

@@ -9,6 +9,7 @@ use host_sim::base::numbers::whole;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
+use host_sim::scenario::own::Own;
 
 /// Fusions that `consistency` compares, by [`Variant::fusion`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -38,8 +39,8 @@ pub struct ConsistencyArgs {
 }
 
 /// Runs `cfmmr consistency`.
-pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
-    let context = args.common.context("consistency")?;
+pub fn run(args: &ConsistencyArgs, own: &Own) -> Result<(), Error> {
+    let context = args.common.context("consistency", own)?;
     let mut variants = Variant::ALL.to_vec();
     if !args.fusion.is_empty() {
         let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);

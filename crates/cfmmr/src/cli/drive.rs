@@ -12,6 +12,7 @@ use host_sim::run::keyboard::Keyboard;
 use host_sim::run::script;
 use host_sim::run::script::{Line, ScriptStep};
 use host_sim::scenario::effect::{Taken, Use};
+use host_sim::scenario::own::Own;
 use output::terminal;
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -50,8 +51,8 @@ const STEPS: Taken = &[
 ];
 
 /// Runs `cfmmr drive`.
-pub fn run(args: &DriveArgs) -> Result<(), Error> {
-    let mut context = args.common.context("drive")?;
+pub fn run(args: &DriveArgs, own: &Own) -> Result<(), Error> {
+    let mut context = args.common.context("drive", own)?;
     args.sensors.apply(&mut context.scenario);
     let from = args.from.as_deref().map(parse_posture).transpose()?;
     context.scenario.mission.start = from.unwrap_or_default();

@@ -9,6 +9,7 @@ use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, whole};
 use host_sim::run::path_run::PathMode;
 use host_sim::scenario::effect::Use;
+use host_sim::scenario::own::Own;
 
 /// Speed, size, laps, start and sensors of a drive along a path.
 #[derive(Clone, Debug, Args)]
@@ -67,8 +68,8 @@ pub struct FollowArgs {
 }
 
 /// Runs `cfmmr follow` or `cfmmr track`.
-pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
-    let mut context = args.common.context(follow::names(path_mode).0)?;
+pub fn run(args: &FollowArgs, path_mode: PathMode, own: &Own) -> Result<(), Error> {
+    let mut context = args.common.context(follow::names(path_mode).0, own)?;
     let boards = &args.robot.boards;
     args.robot
         .check(&args.drive.sensors, &args.common.scenario.choice)?;

@@ -13,6 +13,7 @@ use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::path_run::PathMode;
 use host_sim::scenario::effect::Use;
+use host_sim::scenario::own::Own;
 use remote::board_log;
 use remote::board_log::BoardLog;
 use std::path::PathBuf;
@@ -56,8 +57,9 @@ pub struct HilArgs {
 const MIN_DURATION_S: f64 = 20.0;
 
 /// Runs `cfmmr hil`.
-pub fn run(args: &HilArgs) -> Result<(), Error> {
-    let mut context = args.common.context("hil")?;
+pub fn run(args: &HilArgs, own: &Own) -> Result<(), Error> {
+    own.check_outside("hil")?;
+    let mut context = args.common.context("hil", own)?;
     args.boards.check()?;
     let mission = prepare(args, &mut context)?;
     let plan = args.plan.plan(MIN_DURATION_S)?;

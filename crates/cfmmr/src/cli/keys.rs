@@ -74,7 +74,8 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_sim::world::effect;
+    use declare::Kind;
+    use host_sim::scenario::keys::Key;
 
     #[test]
     fn keys_of_a_table_begin_with_its_name() {

@@ -11,6 +11,7 @@ use host_sim::base::numbers::whole;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
+use host_sim::scenario::own::Own;
 
 /// Selection of the rows (sensors and fusion) of the result table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -55,14 +56,14 @@ pub struct PostureArgs {
 const TRIALS: u32 = 50;
 
 /// Runs `cfmmr posture`.
-pub fn run(args: &PostureArgs) -> Result<(), Error> {
+pub fn run(args: &PostureArgs, own: &Own) -> Result<(), Error> {
     let outside = args.robot.boards.on.is_outside();
     if outside && (args.trials.is_some() || args.rows.is_some()) {
         return Err(Error::input(
             "--trials, --rows: only with --on in-process; with other boards, posture is one run of one robot",
         ));
     }
-    let mut context = args.common.context("posture")?;
+    let mut context = args.common.context("posture", own)?;
     args.robot
         .check(&args.sensors, &args.common.scenario.choice)?;
     if let Some(text) = &args.from {

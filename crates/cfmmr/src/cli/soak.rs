@@ -14,6 +14,8 @@ use host_sim::base::numbers::whole;
 use host_sim::base::statistics::NIS_EXPECTED;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
+use host_sim::scenario::own;
+use host_sim::scenario::own::Own;
 use output::progress::Progress;
 use remote::board_log::BoardLog;
 use remote::images::Images;
@@ -118,7 +120,7 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
         report.ticks,
         soak::seconds(report.ticks) / 3600.0,
         report.ticks,
-        scenario.world.label(),
+        scenario.world.label() + &own::title(&scenario.own.names()),
         scenario.world.bus.loss,
     );
     for window in &report.windows {
@@ -180,7 +182,7 @@ fn verdict(ticks: u64, problems: &[String]) -> String {
 }
 
 /// Runs `cfmmr soak`.
-pub fn run(args: &SoakArgs) -> Result<(), Error> {
+pub fn run(args: &SoakArgs, own: &Own) -> Result<(), Error> {
     let json = args.json.open()?;
     if !args.ticks.is_multiple_of(10) {
         return Err(Error::input(format!(
@@ -194,7 +196,11 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         ));
     }
     let in_process = args.on == BoardPlace::InProcess;
-    let scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
+    if !in_process {
+        own.check_outside("--on virtual")?;
+    }
+    let mut scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
+    scenario.own = own.clone();
     let interrupt = watch_for_interrupt()?;
     let progress = Progress::new(soak::pieces(), "soak");
     let started = Instant::now();

@@ -22,7 +22,7 @@ use crate::BUILD;
 use crate::experiments::result::{Json, Provenance};
 use host_sim::base::error::Error;
 use host_sim::scenario::effect::{GivenKeys, Taken};
-use host_sim::scenario::{Scenario, belief, effect};
+use host_sim::scenario::{Scenario, belief, effect, own};
 use host_sim::world::body::Body;
 use output::files::{OutputDir, Reserved};
 use output::progress::Progress;
@@ -192,9 +192,10 @@ impl Context {
         }
     }
 
-    /// Command, seed and program, below the title of a report page.
+    /// Command, seed, program and parts of the user, below the title of a report page.
     pub fn subtitle(&self) -> String {
-        format!("cfmmr {}, seed {}, {BUILD}", self.name, self.seed)
+        let own = own::title(&self.scenario.own.names());
+        format!("cfmmr {}, seed {}, {BUILD}{own}", self.name, self.seed)
     }
 
     /// Refuses keys of `--set` without effect in any of the runs, and reports such keys of the scenario file.
@@ -245,7 +246,8 @@ impl Context {
                 .map(|name| name.to_string_lossy().into_owned())
                 .collect::<Vec<_>>()
         };
-        let mut text = wrapped(&format!(
+        let mut text = own::remark(&self.scenario.own);
+        text += &wrapped(&format!(
             "wrote {}: {}",
             self.out.display(),
             names(&written).join(" ")

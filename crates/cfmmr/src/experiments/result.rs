@@ -30,6 +30,9 @@ pub struct Provenance<'a> {
     world: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     scenario: Option<&'a Scenario>,
+    /// Parts of the user.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    own: Vec<&'static str>,
 }
 
 impl Default for Provenance<'_> {
@@ -43,6 +46,7 @@ impl Default for Provenance<'_> {
             seed: None,
             world: None,
             scenario: None,
+            own: Vec::new(),
         }
     }
 }
@@ -54,6 +58,7 @@ impl<'a> Provenance<'a> {
             seed: Some(seed),
             world: Some(scenario.world.label()),
             scenario: Some(scenario),
+            own: scenario.own.names(),
             ..Self::default()
         }
     }

@@ -10,6 +10,7 @@ use crate::experiments::Workers;
 use core_algos::link::framing::crc32c;
 use host_sim::base::error::Error;
 use host_sim::run::regulate::regulate;
+use host_sim::scenario::own::Own;
 use output::files::OutputDir;
 use output::progress::Progress;
 use output::terminal::note;
@@ -26,8 +27,13 @@ pub struct Computed {
     pub before: u64,
 }
 
-/// Computes the missing blocks of one shard.
-pub fn compute(directory: &Directory, shard: &Shard, workers: &Workers) -> Result<Computed, Error> {
+/// Computes the missing blocks of one shard, with parts of the user.
+pub fn compute(
+    directory: &Directory,
+    shard: &Shard,
+    workers: &Workers,
+    own: &Own,
+) -> Result<Computed, Error> {
     let study = directory.study();
     let mine = (0..study.blocks()).filter(|&block| shard.has(block));
     let mine: Vec<u64> = mine.collect();
@@ -40,7 +46,7 @@ pub fn compute(directory: &Directory, shard: &Shard, workers: &Workers) -> Resul
             return Err(interrupted(count(&to_do[..n]), count(&to_do)));
         }
         let run = |index| {
-            let finished = run_trial(study, index);
+            let finished = run_trial(study, index, own);
             progress.advance();
             finished
         };
@@ -109,8 +115,9 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
     Ok(missing)
 }
 
-fn run_trial(study: &Study, index: u64) -> Result<CampaignRow, Error> {
-    let run = study.run(index)?;
+fn run_trial(study: &Study, index: u64, own: &Own) -> Result<CampaignRow, Error> {
+    let mut run = study.run(index)?;
+    run.scenario.own = own.clone();
     let outcome = regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
     Ok(CampaignRow::of(index, run, &outcome))
 }

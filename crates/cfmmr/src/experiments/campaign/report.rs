@@ -4,6 +4,7 @@ use super::rows::CampaignRow;
 use super::study::{Study, Vary, number};
 use host_sim::base::statistics::{Summary, percentile};
 use host_sim::run::end::Ends;
+use host_sim::scenario::own;
 use output::table::{Table, plus_minus};
 use serde::Serialize;
 
@@ -64,6 +65,9 @@ pub struct CampaignReport {
     pub world: String,
     /// Seed of all draws.
     pub seed: u64,
+    /// Names of the user's parts.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub own: Vec<String>,
     /// Number of runs.
     pub runs: usize,
     /// Results of each combination of listed values, in the order of the study.
@@ -155,6 +159,7 @@ impl CampaignReport {
             name: study.name.clone(),
             world: first.map_or_else(|_| String::new(), |run| run.scenario.world.label()),
             seed: study.seed,
+            own: study.own.clone(),
             runs: rows.len(),
             influences: influences.collect(),
             cells: cells.iter().map(|(rows, _)| cell(study, rows)).collect(),
@@ -193,12 +198,13 @@ impl CampaignReport {
             }
         }
         format!(
-            "{}: {} runs, seed {}, world {}; true final posture errors\n\n\
+            "{}: {} runs, seed {}, world {}{}; true final posture errors\n\n\
              {errors}In parentheses: 95 % interval of the share.\n\n{more}\n{ends}{}",
             self.name,
             self.runs,
             self.seed,
             self.world,
+            own::title(&self.own),
             self.correlations()
         )
     }

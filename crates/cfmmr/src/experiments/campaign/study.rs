@@ -6,6 +6,7 @@ use host_sim::base::toml_file;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
+use host_sim::scenario::own::Own;
 use host_sim::world::effect::within as is_part;
 use host_sim::world::random::{BOUND, bounded};
 use rand::RngExt;
@@ -38,6 +39,9 @@ pub struct Study {
     /// Runs per file: a killed shard loses at most this many.
     #[serde(default = "fifty")]
     pub block: u32,
+    /// Names of the user's parts in every run, set by the program that has these parts.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub own: Vec<String>,
     /// Source of the start postures.
     #[serde(default)]
     pub starts: Starts,
@@ -205,6 +209,20 @@ impl Study {
             toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
         study.check().map_err(|error| refuse(error.to_string()))?;
         Ok(study)
+    }
+
+    /// Enters the parts of the user; fails if the file names other parts.
+    pub fn set_own(&mut self, own: &Own) -> Result<(), Error> {
+        let names = own.names();
+        if !self.own.is_empty() && self.own != names {
+            return Err(Error::input(format!(
+                "own = [{}]: must be [{}], the user's parts of this program",
+                self.own.join(", "),
+                names.join(", ")
+            )));
+        }
+        self.own = names.into_iter().map(str::to_owned).collect();
+        Ok(())
     }
 
     /// Checks every value and combination.

@@ -61,6 +61,12 @@ impl Run<'_> {
             &self.plan,
             self.outputs,
         )?;
+        let own = &self.context.scenario.own;
+        match &site.place {
+            BoardPlace::InProcess => {}
+            BoardPlace::Virtual => own.check_outside("--on virtual")?,
+            BoardPlace::Serial(_) => own.check_outside("--on serial")?,
+        }
         match &site.place {
             BoardPlace::InProcess => {
                 let (_, driven) = self.on(|stage| stage.simulation())?;

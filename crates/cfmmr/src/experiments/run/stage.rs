@@ -120,7 +120,7 @@ impl<'a> Stage<'a> {
             trial,
             ..
         } = self.about;
-        let boards = targets::in_process(scenario.robot.topology());
+        let boards = targets::in_process_with(scenario.robot.topology(), &scenario.own);
         Simulation::on(self.tap(boards), scenario, seed, trial)
     }
 
