@@ -12,7 +12,7 @@ NOT_FINITE = {"nan", "inf", "-inf"}
 # A line number, a key of a scenario or table, or a quoted name.
 NAMED = (
     r"line \d+|\b[a-z_]+\.[a-z_0-9.\[\]]+|`[^`]+`|^cfmmr: robot: \w+ = |not UTF-8|larger than"
-    r"|^cfmmr: (scenario|world|study|mission|vary|told|spread|plant)\b"
+    r"|^cfmmr: (scenario|world|study|mission|vary|placement|spread|plant)\b"
 )
 
 

@@ -94,8 +94,8 @@ pub extern "C" fn drive(bytes: usize, seed: u64) -> usize {
         scenario.mission.start = [0.0; 3];
         let lines = script::parse(utf8(lines)?, &scenario)?;
         let mut robot = Simulation::new(&scenario, seed, 0)?;
-        let see = |record: &Record| hashes.push(hash(record));
-        script::execute(&mut robot, &scenario, &lines, see, &mut Vec::new())
+        let observe = |record: &Record| hashes.push(hash(record));
+        script::execute(&mut robot, &scenario, &lines, observe, &mut Vec::new())
     })
 }
 

@@ -88,14 +88,14 @@ fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     let mass = 2.0 * 4.76 + 0.6;
     assert!((weight - mass * GRAVITY * 5f64.to_radians().cos()).abs() < 1e-9);
     run(&mut plant, 500, [[0.0; 2]; 2]);
-    let along = GRAVITY * 5f64.to_radians().sin();
+    let downhill = GRAVITY * 5f64.to_radians().sin();
     let rolling = mass + 4.0 * 0.004 / 0.073f64.powi(2);
-    let expected = -along * mass / rolling;
+    let expected = -downhill * mass / rolling;
     for axle in plant.axles() {
         // The tyres creep, so the robot is slightly slower.
         let speed = axle.velocity[0] / (0.5 * expected);
         assert!((speed - 1.0).abs() < 5e-3, "{speed}");
-        let felt = axle.acceleration[0] - (expected + along);
+        let felt = axle.acceleration[0] - (expected + downhill);
         assert!(felt.abs() < 5e-3, "{felt}");
     }
 }

@@ -266,26 +266,26 @@ messages! {
         state: OperatingState, "operating state of the lead node";
         reason: u8, "code of the condition that stopped the node, 0 if none";
         done: bool, "true if the task is done and the robot at rest";
-        robot: Estimated, "midpoint, global frame";
-        front: Estimated, "front axle, global frame";
-        rear: Estimated, "rear axle, global frame";
-        innovation: [f32; 3], "m, m, rad: measured less predicted posture of the front axle in the rear axle's frame";
+        robot: Estimated, "midpoint, global coordinates";
+        front: Estimated, "front axle, global coordinates";
+        rear: Estimated, "rear axle, global coordinates";
+        innovation: [f32; 3], "m, m, rad: measured less predicted posture of the front axle in the rear axle's coordinates";
         nis: f32, "1, normalised innovation squared of the beam; mean 0.1 to 0.5, because the beam board states the covariance of its worst posture";
         velocity_m_s: f32, "m/s, commanded velocity of the midpoint";
         acceleration_m_s2: f32, "m/s², commanded";
         steering_rad: f32, "rad, commanded steering ψ";
         steering_rate_rad_s: f32, "rad/s, commanded";
-        target: Option<Pose>, "reference of the midpoint on a path or trajectory, global frame";
+        target: Option<Pose>, "reference of the midpoint on a path or trajectory, global coordinates";
         bits: Hex, "the whole output, postcard in hexadecimal";
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct TruthEntry = "cfmmr.Truth", "True state of the simulated robot, and measured strains" {
         time_s: f64, "s";
-        robot: Pose, "midpoint, global frame";
-        front: Pose, "front axle, global frame";
-        rear: Pose, "rear axle, global frame";
-        relative: Pose, "front axle in the rear axle's frame";
+        robot: Pose, "midpoint, global coordinates";
+        front: Pose, "front axle, global coordinates";
+        rear: Pose, "rear axle, global coordinates";
+        relative: Pose, "front axle in the rear axle's coordinates";
         wheel_speed_rad_s: [f64; 4], "rad/s: front left, front right, rear left, rear right";
         torque_nm: [f64; 4], "N m at the wheels, in the same order";
         force_n: [f64; 2], "N, force of the frame on the rear axle, in the coordinates of that axle";

@@ -24,6 +24,8 @@ const RENAMED: [(&str, &str); 3] = [
     ("slip_stiffness", "tyre.brush.slip_stiffness"),
     ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
 ];
+/// Tables with an earlier name that is read too: earlier name, name.
+const EARLIER_TABLES: [(&str, &str); 1] = [("told", "placement")];
 /// Largest number of names in a dotted key on the command line; `a.b.c` has 3.
 const DEPTH: usize = 16;
 /// Longest text in which the line with too deep nesting is searched, bytes.
@@ -58,6 +60,7 @@ where
     check_tyre(&given, name)?;
     merge_config(&mut given, self::changes(changes)?);
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
+    rename_tables(&mut given, &table);
     let written = given.clone();
     merge_config(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
@@ -89,6 +92,27 @@ where
         ))),
         None => Ok(built),
     }
+}
+
+/// Gives tables with an earlier name their name if `known` has it. A table given under both names remains and is refused.
+fn rename_tables(given: &mut Table, known: &Table) {
+    for (earlier, name) in EARLIER_TABLES {
+        if known.contains_key(name)
+            && !given.contains_key(name)
+            && let Some(table) = given.remove(earlier)
+        {
+            given.insert(name.to_owned(), table);
+        }
+    }
+}
+
+/// Key with the name of its table in place of the table's earlier name.
+pub fn current_key(key: String) -> String {
+    let renamed = EARLIER_TABLES.iter().find_map(|(earlier, name)| {
+        let rest = key.strip_prefix(earlier)?;
+        rest.starts_with('.').then(|| format!("{name}{rest}"))
+    });
+    renamed.unwrap_or(key)
 }
 
 /// Refuses keys of version 0.1, naming their replacements, and a tyre with an unknown law or two laws.

@@ -5,6 +5,7 @@
 use super::effect::leaves;
 use super::{BASE, DEFAULT, FIELDS, World, text};
 use crate::base::error::Error;
+use crate::base::toml_file;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
@@ -63,7 +64,8 @@ fn reasons(text: &str) -> BTreeMap<String, String> {
             if !above.is_empty() {
                 reason = above.join(" ");
             }
-            found.insert(format!("{table}{}", key.trim()), reason.clone());
+            let key = toml_file::current_key(format!("{table}{}", key.trim()));
+            found.insert(key, reason.clone());
             above.clear();
             continue;
         }
@@ -92,6 +94,16 @@ mod tests {
                 assert!(tyre || base.contains_key(&key), "no base value: {key}");
                 assert!(declare::find(FIELDS, &key).is_some(), "{key}");
             }
+        }
+    }
+
+    #[test]
+    fn reason_of_an_earlier_table_name_has_the_current_key() {
+        for text in [
+            "[told]\n# By eye.\nplacement_m = 1",
+            "# By eye.\ntold.placement_m = 1",
+        ] {
+            assert_eq!(reasons(text)["placement.placement_m"], "By eye.");
         }
     }
 

@@ -4,7 +4,7 @@
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). World and boards are connected by the draw, the sensors and
 //! the motors only.
 //!
-//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told` ([`PlacementAccuracy`]). An
+//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `placement` ([`PlacementAccuracy`]). An
 //! omitted key has its base value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in
 //! ([`NAMES`]).
 
@@ -83,7 +83,6 @@ pub struct World {
     /// The bus between the boards.
     pub bus: BusConfig,
     /// Standard deviations of start and floor drift, as configured in the boards.
-    #[serde(rename = "told")]
     pub placement: PlacementAccuracy,
 }
 
@@ -94,7 +93,7 @@ pub const FIELDS: &[Field] = &[
     table("sensors", "Sensors.", SensorConfig::KIND),
     table("bus", "The bus between the boards.", BusConfig::KIND),
     table(
-        "told",
+        "placement",
         "Uncertainties configured in the robot.",
         PlacementAccuracy::KIND,
     ),
@@ -217,7 +216,7 @@ impl World {
                  plant.strip_length_m, which is {length}"
             )));
         }
-        within("told", self.placement.check_ranges())?;
+        within("placement", self.placement.check_ranges())?;
         within("bus", self.bus.check_ranges())?;
         let (late, boards) = (self.bus.late_ms.len(), ROBOT.board_count());
         match late == boards {
@@ -318,6 +317,22 @@ mod tests {
             let why = World::load(name).unwrap_err().to_string();
             assert!(why.contains("careful") && why.contains(name), "{why}");
         }
+    }
+
+    #[test]
+    fn placement_table_has_the_earlier_name_told() {
+        let parse = |text: &str| toml_file::parse::<World>(text, "own.toml", &[]);
+        let expected = parse("[placement]\nfloor_drift = 0.2").unwrap();
+        assert_eq!(expected.placement.floor_drift, 0.2);
+        for text in ["[told]\nfloor_drift = 0.2", "told.floor_drift = 0.2"] {
+            assert_eq!(parse(text).unwrap(), expected);
+        }
+        let both = "[told]\nfloor_drift = 0.2\n[placement]\nfloor_drift = 0.1";
+        let error = parse(both).unwrap_err().to_string();
+        assert!(
+            error.contains("told") && error.contains("unknown"),
+            "{error}"
+        );
     }
 
     #[test]

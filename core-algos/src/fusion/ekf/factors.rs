@@ -426,14 +426,14 @@ impl Covariance {
     }
 
     /// Adds the noise of the motion model. `jerk` and `yaw_jerk` are the variances of the changes of v̇ and φ̈; v and
-    /// φ̇ change by `half_t` times as much. `along`, `across` and `heading` are variances of slip; `cos` and `sin`
-    /// are those of the heading.
+    /// φ̇ change by `half_t` times as much. `longitudinal`, `lateral` and `heading` are variances of slip; `cos`
+    /// and `sin` are those of the heading.
     pub(super) fn add_model_noise(
         &mut self,
         half_t: f32,
         [jerk, yaw_jerk]: [f32; 2],
         [cos, sin]: [f32; 2],
-        [along, across, heading]: [f32; 3],
+        [longitudinal, lateral, heading]: [f32; 3],
     ) {
         let (forward, turning) = if self.coupled {
             let turning = self.add_motion_noise::<YAW_ACCELERATION>(
@@ -455,9 +455,9 @@ impl Covariance {
             (forward, turning)
         };
         let mut position = PositionNoise {
-            xx: along * cos * cos + across * sin * sin,
-            xy: (along - across) * cos * sin,
-            yy: along * sin * sin + across * cos * cos,
+            xx: longitudinal * cos * cos + lateral * sin * sin,
+            xy: (longitudinal - lateral) * cos * sin,
+            yy: longitudinal * sin * sin + lateral * cos * cos,
         };
         self.add_own_noise(forward, &mut position);
         self.add_own_noise(turning, &mut position);

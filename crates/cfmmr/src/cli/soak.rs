@@ -99,11 +99,16 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
             "The boards are virtual and run without a restart",
         ),
     };
+    let window = report
+        .windows
+        .first()
+        .map_or(report.ticks, |window| window.end);
     let mut text = format!(
         "# Soak\n\n\
          Printed by `cfmmr soak --ticks {} {command}`. {:.2} hours of robot time ({} ticks) from goal to\n\
          goal in a square of 3 m, with all sensors and noise. World: {} (`bus.loss` = {}).\n\
          {boards}. Position is by dead reckoning only.\n\n\
+         - *ticks*: each row is a window of {window} ticks that ends at this tick. *missed*: goals not reached in the window.\n\
          - *σ*: largest estimated standard deviation of position and heading.\n\
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
          - *NEES*: normalised square of the error, expected 3. *NIS*: of the beam's innovation, expected {NIS_EXPECTED}.\n\

@@ -65,12 +65,12 @@ pub(super) fn straightened(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 fn distance_to_segment(p: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let square = dx * dx + dy * dy;
-    let along = if square > 0.0 {
+    let fraction = if square > 0.0 {
         (((p.0 - a.0) * dx + (p.1 - a.1) * dy) / square).clamp(0.0, 1.0)
     } else {
         0.0
     };
-    libm::hypot(p.0 - a.0 - along * dx, p.1 - a.1 - along * dy)
+    libm::hypot(p.0 - a.0 - fraction * dx, p.1 - a.1 - fraction * dy)
 }
 
 /// Cuts a line into pieces by alternating lengths of dash and gap; returns the whole line if the pattern is empty.

@@ -4,7 +4,7 @@ use super::{Core, Stop, Transfer};
 use std::collections::BTreeSet;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Watch {
+struct Watchpoint {
     address: u32,
     length: u32,
 }
@@ -14,7 +14,7 @@ pub(super) struct Debug {
     /// True if a debugger is attached: BKPT stops instead of faulting.
     pub(super) attached: bool,
     breakpoints: BTreeSet<u32>,
-    watches: Vec<Watch>,
+    watchpoints: Vec<Watchpoint>,
     /// True if the core stops after one instruction.
     pub(super) step: bool,
     /// Breakpoint of the latest stop, which the core passes when it continues; `None` afterwards.
@@ -29,7 +29,7 @@ impl Debug {
 
     /// True if accesses to this page of 16 MiB must be checked for a watchpoint.
     pub(super) fn watches_page(&self, page: u32) -> bool {
-        self.watches.iter().any(|w| {
+        self.watchpoints.iter().any(|w| {
             let last = w.address.saturating_add(w.length.saturating_sub(1));
             (w.address >> 24..=last >> 24).contains(&page)
         })
@@ -63,19 +63,19 @@ impl Core {
 
     /// Stops the core after an instruction that accesses these addresses.
     pub fn add_watchpoint(&mut self, address: u32, length: u32) {
-        self.debug.watches.push(Watch { address, length });
+        self.debug.watchpoints.push(Watchpoint { address, length });
         self.update_view(true);
     }
 
     /// Stops the core if an access hits a watchpoint.
     pub(super) fn watch(&mut self, at: Transfer, write: bool) {
         let (address, width, pc) = (at.address, at.width, at.pc);
-        let hit = self.debug.watches.iter().find(|w| {
+        let hit = self.debug.watchpoints.iter().find(|w| {
             let before = address < w.address.saturating_add(w.length);
             before && address.saturating_add(width.bytes()) > w.address
         });
-        if let Some(watch) = hit {
-            let address = watch.address;
+        if let Some(watchpoint) = hit {
+            let address = watchpoint.address;
             self.stop = Some(Stop::Watchpoint { address, pc, write });
             self.check_needed = true;
         }

@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 
 /// Varied values and final errors of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(expecting = "struct Row")]
 pub struct CampaignRow {
     /// Number of the run in the study.
     pub run: u64,
@@ -139,7 +138,6 @@ pub fn csv(study: &Study, rows: &[CampaignRow]) -> Csv {
 
 /// Content of a block's file. The file has two lines of JSON: this content, and its checksum.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(expecting = "struct Noted")]
 pub struct StoredBlock {
     /// Build that wrote the file.
     pub made_by: String,

@@ -36,7 +36,7 @@ use serde_json::{Value, json};
 pub struct Bus;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "lowercase", expecting = "enum Case")]
+#[serde(deny_unknown_fields, rename_all = "lowercase")]
 enum BusCase {
     Encode(Message),
     Decode(Bytes),

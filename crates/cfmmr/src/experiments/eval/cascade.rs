@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 /// One case: velocity of O (m/s), path curvature (1/m) and its rate (1/(m s)), frame length (m).
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Case")]
+#[serde(deny_unknown_fields)]
 struct CascadeCase {
     v: f32,
     kappa: f32,

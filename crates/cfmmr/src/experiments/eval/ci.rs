@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 pub struct Ci;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Case")]
+#[serde(deny_unknown_fields)]
 struct CiCase {
     a: [f64; 3],
     #[serde(rename = "A")]

@@ -47,7 +47,7 @@ struct Setup {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Step")]
+#[serde(deny_unknown_fields)]
 struct EkfStep {
     #[serde(default)]
     left: Option<f64>,

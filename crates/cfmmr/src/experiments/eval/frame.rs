@@ -22,7 +22,7 @@ const POSITIONS: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 pub struct Frame;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Case")]
+#[serde(deny_unknown_fields)]
 struct FrameCase {
     length: f64,
     ei: f64,

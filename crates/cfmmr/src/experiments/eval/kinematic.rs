@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 pub struct Kinematic;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Case")]
+#[serde(deny_unknown_fields)]
 struct KinematicCase {
     posture: [f64; 3],
     reference: [f64; 3],

@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 pub struct Rps;
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "struct Case")]
+#[serde(deny_unknown_fields)]
 struct RpsCase {
     length: f64,
     half_thickness: f64,

@@ -39,9 +39,9 @@ impl Steps {
     /// Executes the steps with a robot.
     pub fn execute(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
         let (mut records, mut ends) = (Thinned::new(MAX_ROWS), Vec::new());
-        let see = |record: &Record| records.push(record.clone());
+        let observe = |record: &Record| records.push(record.clone());
         // The end of the last step contains an error.
-        let _ = script::execute(robot, scenario, lines, see, &mut ends);
+        let _ = script::execute(robot, scenario, lines, observe, &mut ends);
         Self {
             ends,
             records: records.into_values(),

@@ -94,7 +94,7 @@ fn rails() -> Vec<Entry> {
     entries! {
         "rail of an axle's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, wheel_board, 2.4, 500) })
             .stops(FAILED).own_within(0.001).restarts().check(by_the_program).finds(&["reset"]);
-        "the same, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, wheel_board, 2.4, 500) })
+        "rail of an axle's board at 2.4 V for 0.5 ms, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, wheel_board, 2.4, 500) })
             .vary(|_, chip| chip.brown_out = 0).stops(FAILED).own_within(0.001).resets(AXLES);
         "rail of the beam's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
             .goes_on().restarts().check(by_the_program).finds(&["reset"]);
