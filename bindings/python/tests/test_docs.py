@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib
 import pytest
 
-from conftest import PACKAGE
+import cfmmr.algorithms
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -25,8 +26,6 @@ def blocks(language):
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory):
     """Printed text of each python block, run in the order of the page in one namespace."""
-    matplotlib = pytest.importorskip("matplotlib")
-    pytest.importorskip("pandas")
     matplotlib.use("Agg")
     folder, here = tmp_path_factory.mktemp("page"), Path.cwd()
     namespace, texts = {"__name__": "page"}, []
@@ -69,11 +68,14 @@ def test_every_block_prints(printed):
     assert len(printed) == PAGE.count("```python\n") > 8 and all(printed)
 
 
+def test_table_of_algorithms_names_all():
+    table = PAGE.split("## Algorithms")[1].split("\n## ")[0]
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == sorted(cfmmr.algorithms.__all__)
+
+
 def example(name):
-    folder = str(PACKAGE.parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, EXAMPLES / name]
-    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout.splitlines()
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
 
 
 @pytest.mark.parametrize("name", ["own_controller.py", "own_estimator.py"])
@@ -86,8 +88,7 @@ def test_notebook_runs_without_stored_outputs():
     notebook = json.loads((EXAMPLES / "paper.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)
-    pytest.importorskip("pandas")
-    pytest.importorskip("matplotlib").use("Agg")
+    matplotlib.use("Agg")
     namespace = {}
     for cell in cells:
         lines = (line for line in cell["source"] if not line.startswith("%"))

@@ -505,3 +505,22 @@ class Planner:
     def __new__(cls, scenario: Scenario) -> Planner: ...
     def plan(self, posture: ArrayLike, goal: ArrayLike) -> _Plan | None:
         """Plan from a posture to a goal (3,): m, m, rad; None if no plan leads into the funnel."""
+
+class _Equilibrium(TypedDict):
+    wrench: _Array
+    root_moment: float
+    curvature: _Array
+    stable: bool
+
+def strip_equilibrium(
+    length_m: float,
+    bending_n_m2: float,
+    axial_n: float,
+    tip: ArrayLike,
+    curvature: ArrayLike,
+) -> _Equilibrium:
+    """Equilibrium of the plant's strip between two clamps, in double precision.
+
+    tip (3,): m, m, rad, the end in the coordinates of the root. curvature (5,): 1/m at 0.1, 0.3, 0.5, 0.7 and 0.9 of
+    the length, near the wanted branch. wrench (3,): N, N, N m.
+    """

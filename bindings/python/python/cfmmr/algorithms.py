@@ -3,7 +3,7 @@
     law = KinematicLaw(Scenario("careful"))
     v, kappa, yaw_rate = law.command(posture, goal)
 
-Computed in single precision, as on the boards.
+Computed in single precision, as on the boards; `strip_equilibrium` of the plant in double precision.
 """
 
 from ._native import (
@@ -16,6 +16,7 @@ from ._native import (
     Planner,
     StrainFit,
     covariance_intersection,
+    strip_equilibrium,
 )
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "Planner",
     "StrainFit",
     "covariance_intersection",
+    "strip_equilibrium",
 ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .runs import Log
+from .runs import Log, refused
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ def paths(
     for (title, trials), (above, below) in zip(rows.items(), axes.T):
         tracks = [_truth(trial) for trial in trials]
         if not tracks:
-            raise ValueError("rows: each row must have at least one path")
+            raise refused(f"rows[{title!r}]", "no path", "at least one path")
         for track in tracks:
             above.plot(track[:, 0], track[:, 1], color=_TRUE, alpha=0.4, linewidth=0.8)
         starts, ends = (np.array([track[place] for track in tracks]) for place in (0, -1))
@@ -87,7 +87,7 @@ def polar(postures: np.ndarray, goal: Posture = ORIGIN) -> tuple[np.ndarray, np.
 
 def _figure(title: str, columns: Mapping[str, Any], rows: int, **options: Any) -> tuple[Figure, np.ndarray]:
     if not columns:
-        raise ValueError("rows, logs: must have at least one column")
+        raise refused("columns", "none", "at least one row or log")
     try:
         import matplotlib.pyplot as pyplot
     except ImportError as error:

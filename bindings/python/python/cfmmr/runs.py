@@ -131,13 +131,13 @@ def run_many(
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
     if not scenarios or not pairs:
-        raise _refused("trials", f"{len(scenarios)} scenarios, {len(pairs)} trials", "at least one of each")
+        raise refused("trials", f"{len(scenarios)} scenarios, {len(pairs)} trials", "at least one of each")
     if executor is None:
         return _arrays(_native.run_rows(scenarios, pairs, _threads(threads), controller, estimator))
     if threads is not None:
-        raise _refused("threads", threads, "None with an executor, which has its own workers")
+        raise refused("threads", threads, "None with an executor, which has its own workers")
     if block < 1:
-        raise _refused("block", block, "a whole number of at least 1")
+        raise refused("block", block, "a whole number of at least 1")
     blocks = [pairs[first : first + block] for first in range(0, len(pairs), block)]
     own = (controller, estimator)
     jobs = [executor.submit(_native.run_rows, [scenario], part, 1, *own) for scenario in scenarios for part in blocks]
@@ -153,7 +153,7 @@ def run_many(
 def _threads(threads: int | None) -> int:
     threads = (os.cpu_count() or 1) if threads is None else threads
     if threads < 1:
-        raise _refused("threads", threads, "a whole number of at least 1")
+        raise refused("threads", threads, "a whole number of at least 1")
     return threads
 
 
@@ -161,7 +161,8 @@ def _arrays(table: dict[str, Any]) -> dict[str, np.ndarray]:
     return {name: np.asarray(values) for name, values in table.items()}
 
 
-def _refused(field: str, value: object, allowed: str) -> InputError:
+def refused(field: str, value: object, allowed: str) -> InputError:
+    """Exception for a refused argument."""
     error = InputError(f"{field} = {value}: must be {allowed}")
     error.field, error.value, error.allowed = field, str(value), allowed
     return error
@@ -205,7 +206,7 @@ def _circular(angles: np.ndarray) -> tuple[float, float]:
 def frame(columns: dict[str, Any] | list[dict[str, Any]], library: str = "pandas") -> Any:
     """A table, a log or the rows of a summary as a frame of pandas or polars."""
     if library not in ("pandas", "polars"):
-        raise _refused("library", library, "pandas or polars")
+        raise refused("library", library, "pandas or polars")
     columns = columns.flat() if isinstance(columns, Log) else columns
     if library == "polars":
         import polars
