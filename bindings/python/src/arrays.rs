@@ -1,7 +1,10 @@
 //! Arrays and numbers from Python. Every function names the argument in its error.
 
 use crate::errors::refused;
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
+};
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
 
@@ -219,83 +222,82 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
     }
 }
 
-/// Buffer of an array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking
-/// for it takes longer than the copy.
-#[derive(Default)]
-pub struct Kept {
-    /// Address of the array's object. The buffer keeps the object alive, so no other object has this address.
-    object: usize,
-    buffer: Option<PyBuffer<f64>>,
+/// The array itself, if its memory holds aligned `f64` of this machine. What it is may change from call to call: the user
+/// may resize it or make it read-only.
+fn array<'a, 'py>(value: &'a Bound<'py, PyAny>) -> Option<&'a Bound<'py, PyArrayDyn<f64>>> {
+    const SIZE: usize = size_of::<f64>();
+    let array = value.cast::<PyArrayDyn<f64>>().ok()?;
+    let aligned = (array.data() as usize).is_multiple_of(SIZE);
+    let regular = array
+        .strides()
+        .iter()
+        .all(|it| it.unsigned_abs().is_multiple_of(SIZE));
+    (aligned && regular).then_some(array)
 }
 
-impl Kept {
-    /// Copies an array of this length and shape into `to`; the values may be NaN or infinite.
-    pub fn read(
-        &mut self,
-        name: &str,
-        value: &Bound<'_, PyAny>,
-        shape: &[usize],
-        to: &mut [f64],
-    ) -> PyResult<()> {
-        if let Some(buffer) = self.latest(value) {
-            return buffer.copy_to_slice(value.py(), to);
-        }
-        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
-        let Some(buffer) = buffer(value) else {
-            to.copy_from_slice(&any_numbers(name, value, &shape)?);
-            return Ok(());
-        };
-        check_shape(name, buffer.shape(), &shape)?;
-        buffer.copy_to_slice(value.py(), to)?;
-        self.keep(value, buffer);
-        Ok(())
+/// Copies an array of this length and shape into `to`; the values may be NaN or infinite.
+pub fn read(name: &str, value: &Bound<'_, PyAny>, shape: &[usize], to: &mut [f64]) -> PyResult<()> {
+    let fast = array(value).filter(|array| array.shape() == shape);
+    if let Some(array) = fast.and_then(|array| array.try_readonly().ok()) {
+        let pairs = to.iter_mut().zip(array.as_array());
+        pairs.for_each(|(to, value)| *to = *value);
+        return Ok(());
     }
+    let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+    to.copy_from_slice(&any_numbers(name, value, &shape)?);
+    Ok(())
+}
 
-    /// Array of this shape, to be written by [`Self::write`]: refuses what is not a writeable array of `f64`.
-    pub fn target(
-        &mut self,
-        name: &str,
-        target: &Bound<'_, PyAny>,
-        shape: &[usize],
-    ) -> PyResult<()> {
-        if self.latest(target).is_some() {
-            return Ok(());
-        }
-        let Some(buffer) = buffer(target) else {
-            let dtype = target.getattr("dtype");
-            let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
-            return Err(refused(name, found, "an array of float64"));
-        };
-        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
-        check_shape(name, buffer.shape(), &shape)?;
-        if buffer.readonly() {
-            return Err(refused(name, "a read-only array", "writeable"));
-        }
-        self.keep(target, buffer);
-        Ok(())
-    }
+/// The array, if it can be written fast.
+fn writeable<'py>(
+    target: &Bound<'py, PyAny>,
+    shape: &[usize],
+) -> Option<PyReadwriteArrayDyn<'py, f64>> {
+    let fast = array(target).filter(|array| array.shape() == shape);
+    fast.and_then(|array| array.try_readwrite().ok())
+}
 
-    /// Writes the values into the latest target, row by row: as many as it has entries.
-    pub fn write(&self, py: Python<'_>, values: &[f64]) -> PyResult<()> {
-        match &self.buffer {
-            Some(buffer) => buffer.copy_from_slice(py, values),
-            None => Ok(()),
-        }
-    }
-
-    fn latest(&self, object: &Bound<'_, PyAny>) -> Option<&PyBuffer<f64>> {
-        self.buffer
-            .as_ref()
-            .filter(|_| self.object == address(object))
-    }
-
-    fn keep(&mut self, object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) {
-        (self.object, self.buffer) = (address(object), Some(buffer));
+/// Refuses what is not a writeable array of `f64` of this shape.
+pub fn check_target(name: &str, target: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
+    match writeable(target, shape) {
+        Some(_) => Ok(()),
+        None => target_buffer(name, target, shape).map(drop),
     }
 }
 
-fn address(object: &Bound<'_, PyAny>) -> usize {
-    object.as_ptr() as usize
+/// Writes the values into a target, row by row: as many as it has entries.
+pub fn write(
+    name: &str,
+    target: &Bound<'_, PyAny>,
+    shape: &[usize],
+    values: &[f64],
+) -> PyResult<()> {
+    match writeable(target, shape) {
+        Some(mut array) => {
+            let pairs = array.as_array_mut().into_iter().zip(values);
+            pairs.for_each(|(to, value)| *to = *value);
+            Ok(())
+        }
+        None => target_buffer(name, target, shape)?.copy_from_slice(target.py(), values),
+    }
+}
+
+fn target_buffer(
+    name: &str,
+    target: &Bound<'_, PyAny>,
+    shape: &[usize],
+) -> PyResult<PyBuffer<f64>> {
+    let Some(buffer) = buffer(target) else {
+        let dtype = target.getattr("dtype");
+        let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
+        return Err(refused(name, found, "an array of float64"));
+    };
+    let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+    check_shape(name, buffer.shape(), &shape)?;
+    match buffer.readonly() {
+        true => Err(refused(name, "a read-only array", "writeable")),
+        false => Ok(buffer),
+    }
 }
 
 /// New array of one dimension.

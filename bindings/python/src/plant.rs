@@ -1,6 +1,6 @@
 //! The simulated plant, stepped from Python.
 
-use crate::arrays::{self, Kept, Row, Rows};
+use crate::arrays::{self, Row, Rows};
 use crate::errors::{RunError, of, refused};
 use crate::scenario::{Scenario, drawn_by};
 use host_sim::run::robot::{FRAME_POINTS, outlines};
@@ -48,8 +48,6 @@ struct State {
     truth: Truth,
     sensed: Vec<f64>,
     torque: Vec<f64>,
-    /// Arrays of the caller: sensed values and torques.
-    arrays: [Kept; 2],
     outlines: Vec<Outline>,
     ticks: u64,
 }
@@ -146,7 +144,6 @@ impl Plant {
             truth: drawn.no_truth(),
             sensed: Vec::new(),
             torque: vec![0.0; 2 * drawn.plant.axles().len()],
-            arrays: Default::default(),
             outlines: outlines(&drawn.plant),
             drawn,
             ticks: 0,
@@ -164,7 +161,6 @@ impl Plant {
             drawn,
             truth,
             sensed,
-            arrays: [array, _],
             ..
         } = &mut *state;
         drawn.measure(truth);
@@ -174,8 +170,7 @@ impl Plant {
             sensed.extend([axle.yaw_rate, axle.forward_acceleration]);
         }
         sensed.extend(truth.strains.iter().flatten());
-        array.target("out", out, &[sensed.len()])?;
-        array.write(py, sensed)
+        arrays::write("out", out, &[sensed.len()], sensed)
     }
 
     /// Number of sensed values.
@@ -197,10 +192,9 @@ impl Plant {
         let State {
             drawn,
             torque: values,
-            arrays: [_, array],
             ..
         } = &mut *state;
-        array.read("torque", torque, &[axles, 2], values)?;
+        arrays::read("torque", torque, &[axles, 2], values)?;
         drawn.plant.step(values.as_chunks().0);
         state.ticks += 1;
         Ok(())
