@@ -2,8 +2,8 @@
 
 use crate::errors::refused;
 use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods,
+    PyUntypedArrayMethods, npyffi,
 };
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
@@ -222,63 +222,107 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
     }
 }
 
-/// The array itself, if its memory holds aligned `f64` of this machine. What it is may change from call to call: the user
-/// may resize it or make it read-only.
-fn array<'a, 'py>(value: &'a Bound<'py, PyAny>) -> Option<&'a Bound<'py, PyArrayDyn<f64>>> {
-    const SIZE: usize = size_of::<f64>();
-    let array = value.cast::<PyArrayDyn<f64>>().ok()?;
-    let aligned = (array.data() as usize).is_multiple_of(SIZE);
-    let regular = array
-        .strides()
-        .iter()
-        .all(|it| it.unsigned_abs().is_multiple_of(SIZE));
-    (aligned && regular).then_some(array)
+/// Array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking for it takes
+/// longer than the copy.
+#[derive(Default)]
+pub struct Kept(Option<Latest>);
+
+struct Latest {
+    /// Kept alive, so no other object has its address.
+    array: Py<PyArrayDyn<f64>>,
+    dtype: Py<PyArrayDescr>,
+    buffer: PyBuffer<f64>,
 }
 
-/// Copies an array of this length and shape into `to`; the values may be NaN or infinite.
-pub fn read(name: &str, value: &Bound<'_, PyAny>, shape: &[usize], to: &mut [f64]) -> PyResult<()> {
-    let fast = array(value).filter(|array| array.shape() == shape);
-    if let Some(array) = fast.and_then(|array| array.try_readonly().ok()) {
-        let pairs = to.iter_mut().zip(array.as_array());
-        pairs.for_each(|(to, value)| *to = *value);
-        return Ok(());
-    }
-    let shape: Vec<_> = shape.iter().copied().map(Some).collect();
-    to.copy_from_slice(&any_numbers(name, value, &shape)?);
-    Ok(())
-}
-
-/// The array, if it can be written fast.
-fn writeable<'py>(
-    target: &Bound<'py, PyAny>,
-    shape: &[usize],
-) -> Option<PyReadwriteArrayDyn<'py, f64>> {
-    let fast = array(target).filter(|array| array.shape() == shape);
-    fast.and_then(|array| array.try_readwrite().ok())
-}
-
-/// Refuses what is not a writeable array of `f64` of this shape.
-pub fn check_target(name: &str, target: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<()> {
-    match writeable(target, shape) {
-        Some(_) => Ok(()),
-        None => target_buffer(name, target, shape).map(drop),
-    }
-}
-
-/// Writes the values into a target, row by row: as many as it has entries.
-pub fn write(
-    name: &str,
-    target: &Bound<'_, PyAny>,
-    shape: &[usize],
-    values: &[f64],
-) -> PyResult<()> {
-    match writeable(target, shape) {
-        Some(mut array) => {
-            let pairs = array.as_array_mut().into_iter().zip(values);
-            pairs.for_each(|(to, value)| *to = *value);
-            Ok(())
+impl Latest {
+    /// True if this object is the array, and its memory, shape, type and flags are those of the buffer. The user may
+    /// have changed them: numpy does not refuse it while there is a buffer.
+    fn is(&self, object: &Bound<'_, PyAny>) -> bool {
+        if self.array.as_ptr() != object.as_ptr() {
+            return false;
         }
-        None => target_buffer(name, target, shape)?.copy_from_slice(target.py(), values),
+        let array = self.array.bind(object.py());
+        std::ptr::eq(array.data().cast(), self.buffer.buf_ptr())
+            && array.shape() == self.buffer.shape()
+            && array.strides() == self.buffer.strides()
+            && array.dtype().as_ptr() == self.dtype.as_ptr()
+            && (self.buffer.readonly() || is_writeable(array))
+    }
+}
+
+fn is_writeable(array: &Bound<'_, PyArrayDyn<f64>>) -> bool {
+    // SAFETY: the reference keeps the array alive, and only this thread uses the interpreter.
+    let flags = unsafe { (*npyffi::_PyArray_GET_ITEM_DATA(array.as_array_ptr())).flags };
+    flags & npyffi::NPY_ARRAY_WRITEABLE != 0
+}
+
+impl Kept {
+    /// Copies an array of this length and shape into `to`; the values may be NaN or infinite.
+    pub fn read(
+        &mut self,
+        name: &str,
+        value: &Bound<'_, PyAny>,
+        shape: &[usize],
+        to: &mut [f64],
+    ) -> PyResult<()> {
+        if let Some(buffer) = self.latest(value) {
+            return buffer.copy_to_slice(value.py(), to);
+        }
+        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+        let Some(buffer) = buffer(value) else {
+            to.copy_from_slice(&any_numbers(name, value, &shape)?);
+            return Ok(());
+        };
+        check_shape(name, buffer.shape(), &shape)?;
+        buffer.copy_to_slice(value.py(), to)?;
+        self.0 = Self::keep(value, buffer);
+        Ok(())
+    }
+
+    /// Refuses what is not a writeable array of `f64` of this shape.
+    pub fn check(
+        &mut self,
+        name: &str,
+        target: &Bound<'_, PyAny>,
+        shape: &[usize],
+    ) -> PyResult<()> {
+        if self.latest(target).is_none() {
+            self.0 = Self::keep(target, target_buffer(name, target, shape)?);
+        }
+        Ok(())
+    }
+
+    /// Writes the values into an array of `f64` of this shape, row by row: as many as it has entries.
+    pub fn write(
+        &mut self,
+        name: &str,
+        target: &Bound<'_, PyAny>,
+        shape: &[usize],
+        values: &[f64],
+    ) -> PyResult<()> {
+        let py = target.py();
+        if let Some(buffer) = self.latest(target) {
+            return buffer.copy_from_slice(py, values);
+        }
+        let buffer = target_buffer(name, target, shape)?;
+        buffer.copy_from_slice(py, values)?;
+        self.0 = Self::keep(target, buffer);
+        Ok(())
+    }
+
+    fn latest(&self, object: &Bound<'_, PyAny>) -> Option<&PyBuffer<f64>> {
+        let latest = self.0.as_ref().filter(|latest| latest.is(object));
+        latest.map(|latest| &latest.buffer)
+    }
+
+    /// The object with its buffer; `None` for an object other than an array, which may forbid changes meanwhile.
+    fn keep(object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) -> Option<Latest> {
+        let array = object.cast::<PyArrayDyn<f64>>().ok()?;
+        Some(Latest {
+            array: array.clone().unbind(),
+            dtype: array.dtype().unbind(),
+            buffer,
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The simulated plant, stepped from Python.
 
-use crate::arrays::{self, Row, Rows};
+use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{RunError, of, refused};
 use crate::scenario::{Scenario, drawn_by};
 use host_sim::run::robot::{FRAME_POINTS, outlines};
@@ -48,6 +48,8 @@ struct State {
     truth: Truth,
     sensed: Vec<f64>,
     torque: Vec<f64>,
+    /// Arrays of the caller: sensed values and torques.
+    arrays: [Kept; 2],
     outlines: Vec<Outline>,
     ticks: u64,
 }
@@ -144,6 +146,7 @@ impl Plant {
             truth: drawn.no_truth(),
             sensed: Vec::new(),
             torque: vec![0.0; 2 * drawn.plant.axles().len()],
+            arrays: Default::default(),
             outlines: outlines(&drawn.plant),
             drawn,
             ticks: 0,
@@ -161,6 +164,7 @@ impl Plant {
             drawn,
             truth,
             sensed,
+            arrays: [array, _],
             ..
         } = &mut *state;
         drawn.measure(truth);
@@ -170,7 +174,7 @@ impl Plant {
             sensed.extend([axle.yaw_rate, axle.forward_acceleration]);
         }
         sensed.extend(truth.strains.iter().flatten());
-        arrays::write("out", out, &[sensed.len()], sensed)
+        array.write("out", out, &[sensed.len()], sensed)
     }
 
     /// Number of sensed values.
@@ -192,9 +196,10 @@ impl Plant {
         let State {
             drawn,
             torque: values,
+            arrays: [_, array],
             ..
         } = &mut *state;
-        arrays::read("torque", torque, &[axles, 2], values)?;
+        array.read("torque", torque, &[axles, 2], values)?;
         drawn.plant.step(values.as_chunks().0);
         state.ticks += 1;
         Ok(())

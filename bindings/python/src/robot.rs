@@ -1,6 +1,6 @@
 //! The boards of a robot, with or without their sensors, stepped from Python.
 
-use crate::arrays::{self, Row, Rows};
+use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{RunError, of, refused};
 use crate::own::{Failure, Makers};
 use crate::plant::{PER_AXLE, sensed_count, sensed_names};
@@ -38,6 +38,9 @@ struct State {
     readings: Readings,
     stream: Option<Stream>,
     sensed: Vec<f64>,
+    /// Arrays of the caller: sensed values and torques.
+    arrays: [Kept; 2],
+    estimate: Kept,
     /// Exceptions of the user's parts.
     failure: Failure,
 }
@@ -65,6 +68,8 @@ impl State {
                 frames: vec![[0; MAX_GAUGES]; topology.frame_count()],
             },
             stream: None,
+            arrays: Default::default(),
+            estimate: Kept::default(),
             failure,
             scenario,
         })
@@ -233,12 +238,12 @@ macro_rules! tasks {
             /// Writes the estimated posture of the midpoint (m, m, rad) and its covariance, row by row, into `out`,
             /// float64 of shape (12,). The covariance is zero without an estimate.
             fn estimate_into(&self, out: &Bound<'_, PyAny>) -> PyResult<()> {
-                let state = self.state()?;
+                let mut state = self.state()?;
                 let robot = &state.rig.lead().fused.robot;
                 let posture: [f32; 3] = robot.posture.into();
                 let values = posture.iter().chain(robot.covariance.as_flattened());
                 let values: Vec<f64> = values.map(|&value| value.into()).collect();
-                arrays::write("out", out, &[12], &values)
+                state.estimate.write("out", out, &[12], &values)
             }
 
             /// Estimated posture of the midpoint, shape (3,): m, m, rad.
@@ -294,12 +299,13 @@ tasks!(Robot {
             stream,
             failure,
             sensed: values,
+            arrays: [from, to],
             ..
         } = &mut *state;
-        arrays::read("sensed", sensed, &[values.len()], values)?;
+        from.read("sensed", sensed, &[values.len()], values)?;
         // Refused before the boards step.
         let shape = [truth.axles.len(), 2];
-        arrays::check_target("torque", torque, &shape)?;
+        to.check("torque", torque, &shape)?;
         let (axles, strains) = values.split_at(PER_AXLE * truth.axles.len());
         let (axles, _) = axles.as_chunks::<PER_AXLE>();
         for (truth, &[left, right, yaw_rate, forward_acceleration]) in
@@ -316,7 +322,7 @@ tasks!(Robot {
         feed(rig, stream)?;
         let given = rig.step(truth).map_err(|error| of(&error))?;
         failure.check()?;
-        arrays::write("torque", torque, &shape, given.as_flattened())
+        to.write("torque", torque, &shape, given.as_flattened())
     }
 
     /// Number of sensed values: four an axle, then the strains of each frame.
