@@ -44,6 +44,15 @@ def test_flat_and_of_are_inverse(careful):
     assert all(np.array_equal(again[name], log[name], equal_nan=log[name].dtype.kind == "f") for name in log)
 
 
+def test_log_takes_columns_of_the_user_and_survives_pickle(careful):
+    log, _ = run(careful, 3)
+    count = len(log.flat())
+    log["mine"] = np.zeros((len(log["time_s"]), 2))
+    again = pickle.loads(pickle.dumps(log))
+    assert isinstance(again, Log) and list(again.flat())[count:] == ["mine[0]", "mine[1]"]
+    assert list(Log(a=np.zeros(2)).flat()) == ["a"]
+
+
 def test_scenario_survives_pickle_repr_and_toml(careful):
     changed = careful.changed("plant.friction=0.5")
     assert pickle.loads(pickle.dumps(changed)) == changed != careful
