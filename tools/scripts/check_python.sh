@@ -65,10 +65,11 @@ echo "wheel $bytes bytes; import after numpy $import_ms ms; $packages Rust packa
 unset PYTHONPATH
 "$python" -m pytest --quiet -p no:cacheprovider --rootdir $package/tests $package/tests
 
-notebook='import sys, nbformat
+notebook='import os, sys, nbformat
 from nbclient import NotebookClient
 path = sys.argv[1]
-NotebookClient(nbformat.read(path, 4), timeout=600, kernel_name="python3").execute()
+place = {"metadata": {"path": os.path.dirname(path)}}
+NotebookClient(nbformat.read(path, 4), timeout=600, kernel_name="python3", resources=place).execute()
 print(path, "runs")'
 for path in "$package"/examples/*.ipynb; do
   [ ! -e "$path" ] || "$python" -c "$notebook" "$path"

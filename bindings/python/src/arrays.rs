@@ -1,7 +1,10 @@
 //! Arrays and numbers from Python. Every function names the argument in its error.
 
 use crate::errors::refused;
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods,
+    PyUntypedArrayMethods, npyffi,
+};
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
 
@@ -219,13 +222,38 @@ fn check_shape(name: &str, found: &[usize], wanted: &[Option<usize>]) -> PyResul
     }
 }
 
-/// Buffer of an array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking
-/// for it takes longer than the copy.
+/// Array of `f64` that calls pass again and again. The buffer of the latest array is kept, because asking for it takes
+/// longer than the copy.
 #[derive(Default)]
-pub struct Kept {
-    /// Address of the array's object. The buffer keeps the object alive, so no other object has this address.
-    object: usize,
-    buffer: Option<PyBuffer<f64>>,
+pub struct Kept(Option<Latest>);
+
+struct Latest {
+    /// Kept alive, so no other object has its address.
+    array: Py<PyArrayDyn<f64>>,
+    dtype: Py<PyArrayDescr>,
+    buffer: PyBuffer<f64>,
+}
+
+impl Latest {
+    /// True if this object is the array, and its memory, shape, type and flags are those of the buffer. The user may
+    /// have changed them: numpy does not refuse it while there is a buffer.
+    fn is(&self, object: &Bound<'_, PyAny>) -> bool {
+        if self.array.as_ptr() != object.as_ptr() {
+            return false;
+        }
+        let array = self.array.bind(object.py());
+        std::ptr::eq(array.data().cast(), self.buffer.buf_ptr())
+            && array.shape() == self.buffer.shape()
+            && array.strides() == self.buffer.strides()
+            && array.dtype().as_ptr() == self.dtype.as_ptr()
+            && (self.buffer.readonly() || is_writeable(array))
+    }
+}
+
+fn is_writeable(array: &Bound<'_, PyArrayDyn<f64>>) -> bool {
+    // SAFETY: the reference keeps the array alive, and only this thread uses the interpreter.
+    let flags = unsafe { (*npyffi::_PyArray_GET_ITEM_DATA(array.as_array_ptr())).flags };
+    flags & npyffi::NPY_ARRAY_WRITEABLE != 0
 }
 
 impl Kept {
@@ -247,55 +275,73 @@ impl Kept {
         };
         check_shape(name, buffer.shape(), &shape)?;
         buffer.copy_to_slice(value.py(), to)?;
-        self.keep(value, buffer);
+        self.0 = Self::keep(value, buffer);
         Ok(())
     }
 
-    /// Array of this shape, to be written by [`Self::write`]: refuses what is not a writeable array of `f64`.
-    pub fn target(
+    /// Refuses what is not a writeable array of `f64` of this shape.
+    pub fn check(
         &mut self,
         name: &str,
         target: &Bound<'_, PyAny>,
         shape: &[usize],
     ) -> PyResult<()> {
-        if self.latest(target).is_some() {
-            return Ok(());
+        if self.latest(target).is_none() {
+            self.0 = Self::keep(target, target_buffer(name, target, shape)?);
         }
-        let Some(buffer) = buffer(target) else {
-            let dtype = target.getattr("dtype");
-            let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
-            return Err(refused(name, found, "an array of float64"));
-        };
-        let shape: Vec<_> = shape.iter().copied().map(Some).collect();
-        check_shape(name, buffer.shape(), &shape)?;
-        if buffer.readonly() {
-            return Err(refused(name, "a read-only array", "writeable"));
-        }
-        self.keep(target, buffer);
         Ok(())
     }
 
-    /// Writes the values into the latest target, row by row: as many as it has entries.
-    pub fn write(&self, py: Python<'_>, values: &[f64]) -> PyResult<()> {
-        match &self.buffer {
-            Some(buffer) => buffer.copy_from_slice(py, values),
-            None => Ok(()),
+    /// Writes the values into an array of `f64` of this shape, row by row: as many as it has entries.
+    pub fn write(
+        &mut self,
+        name: &str,
+        target: &Bound<'_, PyAny>,
+        shape: &[usize],
+        values: &[f64],
+    ) -> PyResult<()> {
+        let py = target.py();
+        if let Some(buffer) = self.latest(target) {
+            return buffer.copy_from_slice(py, values);
         }
+        let buffer = target_buffer(name, target, shape)?;
+        buffer.copy_from_slice(py, values)?;
+        self.0 = Self::keep(target, buffer);
+        Ok(())
     }
 
     fn latest(&self, object: &Bound<'_, PyAny>) -> Option<&PyBuffer<f64>> {
-        self.buffer
-            .as_ref()
-            .filter(|_| self.object == address(object))
+        let latest = self.0.as_ref().filter(|latest| latest.is(object));
+        latest.map(|latest| &latest.buffer)
     }
 
-    fn keep(&mut self, object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) {
-        (self.object, self.buffer) = (address(object), Some(buffer));
+    /// The object with its buffer; `None` for an object other than an array, which may forbid changes meanwhile.
+    fn keep(object: &Bound<'_, PyAny>, buffer: PyBuffer<f64>) -> Option<Latest> {
+        let array = object.cast::<PyArrayDyn<f64>>().ok()?;
+        Some(Latest {
+            array: array.clone().unbind(),
+            dtype: array.dtype().unbind(),
+            buffer,
+        })
     }
 }
 
-fn address(object: &Bound<'_, PyAny>) -> usize {
-    object.as_ptr() as usize
+fn target_buffer(
+    name: &str,
+    target: &Bound<'_, PyAny>,
+    shape: &[usize],
+) -> PyResult<PyBuffer<f64>> {
+    let Some(buffer) = buffer(target) else {
+        let dtype = target.getattr("dtype");
+        let found = dtype.map_or_else(|_| target.get_type().to_string(), |it| it.to_string());
+        return Err(refused(name, found, "an array of float64"));
+    };
+    let shape: Vec<_> = shape.iter().copied().map(Some).collect();
+    check_shape(name, buffer.shape(), &shape)?;
+    match buffer.readonly() {
+        true => Err(refused(name, "a read-only array", "writeable")),
+        false => Ok(buffer),
+    }
 }
 
 /// New array of one dimension.

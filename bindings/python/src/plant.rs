@@ -174,8 +174,7 @@ impl Plant {
             sensed.extend([axle.yaw_rate, axle.forward_acceleration]);
         }
         sensed.extend(truth.strains.iter().flatten());
-        array.target("out", out, &[sensed.len()])?;
-        array.write(py, sensed)
+        array.write("out", out, &[sensed.len()], sensed)
     }
 
     /// Number of sensed values.

@@ -237,14 +237,13 @@ macro_rules! tasks {
 
             /// Writes the estimated posture of the midpoint (m, m, rad) and its covariance, row by row, into `out`,
             /// float64 of shape (12,). The covariance is zero without an estimate.
-            fn estimate_into(&self, py: Python<'_>, out: &Bound<'_, PyAny>) -> PyResult<()> {
+            fn estimate_into(&self, out: &Bound<'_, PyAny>) -> PyResult<()> {
                 let mut state = self.state()?;
-                state.estimate.target("out", out, &[12])?;
                 let robot = &state.rig.lead().fused.robot;
                 let posture: [f32; 3] = robot.posture.into();
                 let values = posture.iter().chain(robot.covariance.as_flattened());
                 let values: Vec<f64> = values.map(|&value| value.into()).collect();
-                state.estimate.write(py, &values)
+                state.estimate.write("out", out, &[12], &values)
             }
 
             /// Estimated posture of the midpoint, shape (3,): m, m, rad.
@@ -290,7 +289,6 @@ tasks!(Robot {
     /// the torques of the left and right wheels, N m.
     fn step_into(
         &self,
-        py: Python<'_>,
         sensed: &Bound<'_, PyAny>,
         torque: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
@@ -306,7 +304,8 @@ tasks!(Robot {
         } = &mut *state;
         from.read("sensed", sensed, &[values.len()], values)?;
         // Refused before the boards step.
-        to.target("torque", torque, &[truth.axles.len(), 2])?;
+        let shape = [truth.axles.len(), 2];
+        to.check("torque", torque, &shape)?;
         let (axles, strains) = values.split_at(PER_AXLE * truth.axles.len());
         let (axles, _) = axles.as_chunks::<PER_AXLE>();
         for (truth, &[left, right, yaw_rate, forward_acceleration]) in
@@ -323,7 +322,7 @@ tasks!(Robot {
         feed(rig, stream)?;
         let given = rig.step(truth).map_err(|error| of(&error))?;
         failure.check()?;
-        to.write(py, given.as_flattened())
+        to.write("torque", torque, &shape, given.as_flattened())
     }
 
     /// Number of sensed values: four an axle, then the strains of each frame.

@@ -140,6 +140,18 @@ def test_covariance_intersection_of_equal_inputs_is_the_input():
 def test_ipec_is_the_geometry_of_both_axles(careful):
     track = 2 * careful["robot.geometry.half_track_m"]
     axles = [np.array([0.2, 0.1, 0.3]), np.array([-0.15, 0.0, 0.2])]
+    config, variance = careful["robot.lead.fusion.ipec"], 0.0
+
+    def growth(advance, relative):
+        """Growth of the variance of the line's direction."""
+        (ds1, ds2), baseline = advance.reshape(2, 2).mean(axis=1), np.hypot(*relative[:2])
+        alpha = np.arctan2(relative[1], relative[0])
+        g1, g2 = -alpha, relative[2] - alpha
+        wheels = (np.sin(g1) ** 2 + np.sin(g2) ** 2) * config["wheel_sigma_m"] ** 2 / 2
+        heading = (ds2 * np.cos(g2) * config["heading_sigma_rad"]) ** 2
+        side = ((ds1 * np.cos(g1) - ds2 * np.cos(g2)) * config["lateral_sigma_m"] / baseline) ** 2
+        return (wheels + heading + side) / baseline**2
+
     ipec = algorithms.Ipec(careful, *axles)
     for _ in range(200):
         advance = RNG.normal(0.002, 0.0005, size=4)
@@ -157,9 +169,10 @@ def test_ipec_is_the_geometry_of_both_axles(careful):
         axles[0][:2] -= slide
         axles[1][:2] += slide
         assert ipec.step(advance, relative) == pytest.approx(wanted, abs=2e-6)
-    assert ipec.postures == pytest.approx(np.array(axles), abs=2e-5)
+        variance += growth(advance, relative)
+        assert ipec.postures == pytest.approx(np.array(axles), abs=2e-5)
     assert seen_from(*ipec.postures) == pytest.approx(relative, abs=2e-6)
-    assert ipec.variance > 0
+    assert ipec.variance == pytest.approx(variance, rel=1e-4)
 
 
 class PlainFilter:

@@ -319,16 +319,60 @@ def test_values_of_the_call_count_not_those_of_the_call_before(same):
     assert np.array_equal(first.midpoint, second.midpoint) and np.array_equal(first.wheel_speeds, second.wheel_speeds)
 
 
-def test_array_that_changes_its_flags_between_calls():
-    thing, out = plant(), np.zeros(13)
-    thing.sensed_into(out)
-    with pytest.raises(ValueError):
-        out.resize(2)
-    thing.step_with(np.ones((2, 2)))
-    thing.sensed_into(out)
-    fresh = np.zeros(13)
-    thing.sensed_into(fresh)
-    assert np.array_equal(out, fresh)
+def shortened(array):
+    array.resize(2, refcheck=False)
+
+
+def enlarged(array):
+    array.resize(10**6, refcheck=False)
+
+
+def fixed(array):
+    array.flags.writeable = False
+
+
+def reshaped(array):
+    array.shape = (1, *array.shape)
+
+
+def whole(array):
+    array.dtype = "i8"
+
+
+@outputs
+@pytest.mark.parametrize("change", [shortened, enlarged, fixed, reshaped, whole])
+def test_output_that_changes_between_calls_is_refused(case, change):
+    make, call, shape = OUTPUTS[case]
+    thing, out = make(), np.zeros(shape)
+    call(thing, out)
+    change(out)
+    others = [np.zeros(shape) for _ in range(100)]
+    before = out.copy()
+    with pytest.raises(InputError) as refused:
+        call(thing, out)
+    assert refused.value.field.startswith(("out", "torque"))
+    assert np.array_equal(out, before) and not np.any(others)
+
+
+@pytest.mark.parametrize("change", [shortened, enlarged, reshaped])
+def test_input_that_changes_between_calls_is_refused(change):
+    thing, torque = plant(), np.ones((2, 2))
+    thing.step_with(torque)
+    change(torque)
+    with pytest.raises(InputError) as refused:
+        thing.step_with(torque)
+    assert refused.value.field == "torque.shape"
+
+
+def test_input_that_changes_its_type_between_calls_is_converted():
+    first, second, torque = plant(), plant(), np.ones((2, 2))
+    for thing in (first, second):
+        thing.step_with(torque)
+    torque.dtype = "i8"
+    torque[:] = 2
+    first.step_with(torque)
+    second.step_with(np.full((2, 2), 2.0))
+    assert np.array_equal(first.wheel_speeds, second.wheel_speeds)
 
 
 def test_argument_that_uses_the_plant_itself_is_refused():

@@ -30,5 +30,5 @@ def keys(table: str | None = None) -> list[Key]:
     return [_key(**entry) for entry in json.loads(_native.keys_json(table))]
 
 
-def _key(*, range=None, choices=None, **rest) -> Key:
+def _key(*, range: Any = None, choices: Any = None, **rest: Any) -> Key:
     return Key(**rest, range=range and tuple(range), choices=choices and tuple(choices))

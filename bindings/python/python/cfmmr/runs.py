@@ -24,12 +24,17 @@ class Log(dict[str, np.ndarray]):
     and meaning of each column.
     """
 
+    _names: dict[str, np.ndarray] = {}
+    """Names of the columns in each array."""
+
     def flat(self) -> dict[str, np.ndarray]:
         """Columns of one dimension, with the names of `cfmmr posture --csv`."""
-        columns = {}
+        columns: dict[str, np.ndarray] = {}
         for name, values in self.items():
+            values, names = np.asarray(values), self._names.get(name)
             for index in np.ndindex(values.shape[1:]):
-                columns[self._names[name][index]] = values[(slice(None), *index)]
+                own = name + "".join(f"[{place}]" for place in index)
+                columns[own if names is None else str(names[index])] = values[(slice(None), *index)]
         return columns
 
     @classmethod
@@ -219,7 +224,8 @@ def frame(columns: dict[str, Any] | list[dict[str, Any]], library: str = "pandas
 
 def drawn(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
     """Errors of the robot that is drawn for a seed and a trial: wheels, sensors, gauges, plant, placement."""
-    return json.loads(_native.drawn_json(scenario, seed, trial))
+    errors: dict[str, Any] = json.loads(_native.drawn_json(scenario, seed, trial))
+    return errors
 
 
 def drawn_plant(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]:
@@ -228,4 +234,5 @@ def drawn_plant(scenario: Scenario, seed: int, trial: int = 0) -> dict[str, Any]
     Keys: plant (keys of the table `plant`, with an entry for each axle), start (m, m, rad), gauges_m (by frame, from
     the root of the strip, m), half_thickness_m (strain over curvature, m).
     """
-    return json.loads(_native.drawn_plant_json(scenario, seed, trial))
+    constants: dict[str, Any] = json.loads(_native.drawn_plant_json(scenario, seed, trial))
+    return constants
