@@ -274,7 +274,7 @@ fn run_all(
         for _ in 0..threads.min(count) {
             let ended = ended.clone();
             let (job, next, results) = (&job, &next, &results);
-            scope.spawn(move || {
+            let work = move || {
                 // Held until this thread ends.
                 let _ended = ended;
                 while !interrupt.load(Relaxed) {
@@ -289,7 +289,9 @@ fn run_all(
                     let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
                     results[k] = Some(result);
                 }
-            });
+            };
+            // Attached once: the calls of the user's parts then need no new state of a thread.
+            scope.spawn(move || Python::attach(|py| py.detach(work)));
         }
         drop(ended);
         while wait.recv_timeout(SIGNAL_INTERVAL) == Err(RecvTimeoutError::Timeout) {
