@@ -314,6 +314,8 @@ impl LeadNode {
     }
 
     /// [`Self::step`] with parts of the user. Every step takes the same parts.
+    // Not inlined: every tick of the board would have the stack of this step.
+    #[inline(never)]
     pub fn step_with(&mut self, now: Micros, outbox: &mut Outbox, own: &mut Own<'_>) -> Output {
         self.begin(own);
         self.state.silent = self.state.silent.saturating_add(EPOCH);
