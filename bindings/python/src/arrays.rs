@@ -7,6 +7,7 @@ use numpy::{
 };
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
+use std::ops::RangeInclusive;
 
 /// New array of one dimension.
 pub type Row<'py> = Bound<'py, PyArray1<f64>>;
@@ -179,18 +180,21 @@ pub fn text(number: f64) -> String {
 
 /// A whole number that fits into 64 bits, such as a seed.
 pub fn whole(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    whole_in(name, value, 0..=u64::MAX)
+}
+
+/// A whole number in a range.
+pub fn whole_in(name: &str, value: &Bound<'_, PyAny>, range: RangeInclusive<u64>) -> PyResult<u64> {
     let number = value.call_method0("__index__");
-    let number = number.and_then(|number| number.extract());
-    number.map_err(|_| {
-        let found = value
-            .repr()
-            .map_or_else(|_| "?".to_owned(), |it| it.to_string());
-        refused(
-            name,
-            found,
-            format!("a whole number from 0 to {}", u64::MAX),
-        )
-    })
+    let number = number.and_then(|number| number.extract()).ok();
+    number
+        .filter(|number| range.contains(number))
+        .ok_or_else(|| {
+            let found = value.repr();
+            let found = found.map_or_else(|_| "?".to_owned(), |it| it.to_string());
+            let allowed = format!("a whole number from {} to {}", range.start(), range.end());
+            refused(name, found, allowed)
+        })
 }
 
 /// A finite number in single precision.

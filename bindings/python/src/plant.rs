@@ -252,29 +252,26 @@ impl Plant {
     }
 
     /// Lifts a wheel off the floor: number of the axle, then 0 for left or 1 for right.
-    fn lift_wheel(&self, py: Python<'_>, axle: usize, side: usize) -> PyResult<()> {
+    fn lift_wheel(
+        &self,
+        py: Python<'_>,
+        axle: &Bound<'_, PyAny>,
+        side: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let mut state = self.state(py)?;
-        let axles = state.truth.axles.len();
-        if axle >= axles {
-            let allowed = format!("a number from 0 to {}", axles - 1);
-            return Err(refused("axle", axle, allowed));
-        }
-        if side > 1 {
-            return Err(refused("side", side, "0 or 1"));
-        }
-        state.drawn.plant.lift_wheel(axle, side);
+        let last = state.truth.axles.len() as u64 - 1;
+        let axle = arrays::whole_in("axle", axle, 0..=last)?;
+        let side = arrays::whole_in("side", side, 0..=1)?;
+        state.drawn.plant.lift_wheel(axle as usize, side as usize);
         Ok(())
     }
 
     /// Breaks a frame.
-    fn snap_frame(&self, py: Python<'_>, frame: usize) -> PyResult<()> {
+    fn snap_frame(&self, py: Python<'_>, frame: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut state = self.state(py)?;
-        let frames = state.truth.strains.len();
-        if frame >= frames {
-            let allowed = format!("a number from 0 to {}", frames - 1);
-            return Err(refused("frame", frame, allowed));
-        }
-        state.drawn.plant.snap_frame(frame);
+        let last = state.truth.strains.len() as u64 - 1;
+        let frame = arrays::whole_in("frame", frame, 0..=last)?;
+        state.drawn.plant.snap_frame(frame as usize);
         Ok(())
     }
 

@@ -85,9 +85,6 @@ impl State {
 
     fn follow(&mut self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
         let points = arrays::numbers("points", points, &[None, Some(2)])?;
-        if laps == 0 {
-            return Err(refused("laps", laps, "a whole number of at least 1"));
-        }
         let points = points.as_chunks::<2>().0.iter();
         let waypoints: Vec<Waypoint> = points.map(|&[x, y]| (x, y).into()).collect();
         let input = |error: host_sim::paths::PathError| {
@@ -123,6 +120,9 @@ fn feed(rig: &mut Rig, stream: &mut Option<Stream>) -> PyResult<()> {
         None => Ok(()),
     }
 }
+
+/// Most laps of a closed path; its length has a bound of its own.
+const MAX_LAPS: u64 = 1_000_000;
 
 /// Declares the tasks and readings that both classes have.
 macro_rules! tasks {
@@ -178,9 +178,19 @@ macro_rules! tasks {
 
             /// Follows a path through waypoints, shape (n, 2), m, from its beginning to rest at its end; with `timed`
             /// as a trajectory. A path whose last waypoint repeats the first is closed and driven `laps` times.
-            #[pyo3(signature = (points, laps=1, timed=false))]
-            fn follow(&self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
-                self.state()?.follow(points, laps, timed)
+            #[pyo3(
+                signature = (points, laps=None, timed=false),
+                text_signature = "($self, points, laps=1, timed=False)"
+            )]
+            fn follow(
+                &self,
+                points: &Bound<'_, PyAny>,
+                laps: Option<&Bound<'_, PyAny>>,
+                timed: bool,
+            ) -> PyResult<()> {
+                let laps = laps.map(|laps| arrays::whole_in("laps", laps, 1..=MAX_LAPS));
+                let laps = laps.transpose()?.unwrap_or(1);
+                self.state()?.follow(points, laps as u32, timed)
             }
 
             /// Drives with a speed (m/s) and a curvature (1/m) of the midpoint. Without a new command the robot stops
@@ -384,11 +394,13 @@ tasks!(Boards {
         let gyro = inertial("gyro", gyro)?;
         let acceleration = inertial("acceleration", acceleration)?;
         for (name, values) in [("encoder", &encoder), ("counts", &counts)] {
-            let wrong = |value: &f64| !value.is_nan() && !COUNTS.contains(value);
+            let wrong = |value: &f64| {
+                !value.is_nan() && !(COUNTS.contains(value) && value.fract() == 0.0)
+            };
             if let Some(place) = values.iter().position(wrong) {
                 let columns = values.len() / if name == "encoder" { axles } else { frames };
                 let field = format!("{name}[{}, {}]", place / columns, place % columns);
-                return Err(refused(field, values[place], "a count of 32 bits"));
+                return Err(refused(field, values[place], "a whole number of 32 bits"));
             }
         }
         let State {

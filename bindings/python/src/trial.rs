@@ -25,6 +25,9 @@ const SIGNAL_EPOCHS: u32 = 100;
 /// Time between two looks for a signal while threads run trials.
 const SIGNAL_INTERVAL: Duration = Duration::from_millis(50);
 
+/// Most threads that run trials.
+const MAX_THREADS: u64 = 1024;
+
 /// Adds the functions to the module.
 pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(run_columns, module)?)?;
@@ -211,10 +214,11 @@ fn run_rows<'py>(
     py: Python<'py>,
     scenarios: Vec<Bound<'py, Scenario>>,
     trials: Vec<[Bound<'py, PyAny>; 2]>,
-    threads: usize,
+    threads: &Bound<'py, PyAny>,
     controller: Option<Py<PyAny>>,
     estimator: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let threads = arrays::whole_in("threads", threads, 1..=u64::MAX)?.min(MAX_THREADS) as usize;
     let trials = trials
         .iter()
         .map(|[seed, trial]| drawn_by(seed, Some(trial)));
