@@ -454,7 +454,7 @@ def test_whole_number_is_checked(case):
         (lambda: run_many(S, cfmmr.trials(1, -5)), InputError),
         (lambda: run_many(S, [1], threads=0), InputError),
         (lambda: run_many(S, [1], threads=-1), InputError),
-        (lambda: run_many(S, [1], threads=1.5), TypeError),
+        (lambda: run_many(S, [1], threads=1.5), InputError),
         (lambda: run_many(S, [1], threads=10**30), InputError),
         (lambda: robot().follow([[0, 0], [1, 0]], 0), InputError),
         (lambda: robot().follow([[0, 0], [1, 0]], -1), InputError),
