@@ -2,14 +2,14 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`errors`] | exceptions with field, value and allowed values |
-//! | [`arrays`] | checks of arrays and numbers from Python |
-//! | [`scenario`] | scenarios, their keys, drawn robots |
-//! | [`trial`] | whole trials, on threads |
-//! | [`plant`] | simulated plant, stepped from Python |
-//! | [`robot`] | boards with sensors and bus, stepped from Python |
-//! | [`own`] | controller and estimator of the user |
-//! | [`algorithms`] | single algorithms of the boards |
+//! | `errors` | exceptions with field, value and allowed values |
+//! | `arrays` | checks of arrays and numbers from Python |
+//! | `scenario` | scenarios, their keys, drawn robots |
+//! | `trial` | whole trials, on threads |
+//! | `plant` | simulated plant, stepped from Python |
+//! | `robot` | boards with sensors and bus, stepped from Python |
+//! | `own` | controller and estimator of the user |
+//! | `algorithms` | single algorithms of the boards |
 //!
 //! An object holds its state behind a lock, so threads take turns. The interpreter is free during every simulation.
 
