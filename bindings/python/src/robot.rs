@@ -394,9 +394,8 @@ tasks!(Boards {
         let gyro = inertial("gyro", gyro)?;
         let acceleration = inertial("acceleration", acceleration)?;
         for (name, values) in [("encoder", &encoder), ("counts", &counts)] {
-            let wrong = |value: &f64| {
-                !value.is_nan() && !(COUNTS.contains(value) && value.fract() == 0.0)
-            };
+            let is_count = |value: f64| COUNTS.contains(&value) && value.fract() == 0.0;
+            let wrong = |value: &f64| !(value.is_nan() || is_count(*value));
             if let Some(place) = values.iter().position(wrong) {
                 let columns = values.len() / if name == "encoder" { axles } else { frames };
                 let field = format!("{name}[{}, {}]", place / columns, place % columns);
