@@ -65,11 +65,11 @@ class Terminals(Kind):
         process = subprocess.Popen([self.bench.program, *words], cwd=folder, stdin=slave, stdout=slave, stderr=slave,
                                    preexec_fn=control, env=environment() | {"TERM": "xterm"}, close_fds=True)
         os.close(slave)
-        reading = time.monotonic() + at
+        reading, printed = time.monotonic() + at, False
         os.set_blocking(master, False)
         while time.monotonic() < reading:
             try:
-                os.read(master, 65536)
+                printed = bool(os.read(master, 65536)) or printed
             except BlockingIOError:
                 time.sleep(0.01)
             except OSError:
@@ -80,7 +80,9 @@ class Terminals(Kind):
             except OSError:
                 pass
         os.close(master)
-        return self.end(process)
+        code, seconds, left = self.end(process)
+        # A program that has printed nothing may not have begun: the signal of the terminal ends it.
+        return (0 if code == -signal.SIGHUP and not printed else code), seconds, left
 
     def pipe(self, words, folder, at, keys):
         """Run whose pipe has no reader."""
