@@ -82,7 +82,7 @@ fn word(verdict: Verdict) -> &'static str {
 
 /// Posture of the frame's tip from the strains of one instant (paper section VI A), as on the beam board.
 ///
-/// The parameters are those of the table robot.beam and of the robot's geometry.
+/// Parameters: tables robot.beam and robot.geometry.
 #[pyclass(frozen, module = "cfmmr")]
 pub struct StrainFit {
     solver: PostureSolver,

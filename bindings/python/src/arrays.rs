@@ -239,8 +239,8 @@ struct Latest {
 }
 
 impl Latest {
-    /// True if this object is the array, and its memory, shape, type and flags are those of the buffer. The user may
-    /// have changed them: numpy does not refuse it while there is a buffer.
+    /// True if `object` is the kept array, and memory, shape, type and flags of the array have not changed since its
+    /// buffer was taken. numpy lets the user change them while a buffer exists.
     fn is(&self, object: &Bound<'_, PyAny>) -> bool {
         if self.array.as_ptr() != object.as_ptr() {
             return false;

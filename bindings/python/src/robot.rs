@@ -287,8 +287,8 @@ macro_rules! tasks {
 
 /// Boards, sensors and bus of the robot that is drawn for a seed and a trial. The physics is the caller's.
 ///
-/// Each `step_into` is 1 ms: sensed values in, torques out that act in the next millisecond. Sensed values are those of
-/// `Plant`; a value that is not finite reaches the boards as a bad sample.
+/// Each call of `step_into` is 1 ms: the boards take the sensed values and give the torques of the next millisecond.
+/// `Plant` lists the sensed values. A value that is not finite reaches the boards as a bad sample.
 #[pyclass(frozen, module = "cfmmr")]
 pub struct Robot {
     state: Mutex<State>,

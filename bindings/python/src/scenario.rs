@@ -2,7 +2,6 @@
 
 use crate::arrays;
 use crate::errors::{of, refused};
-use core_algos::fusion::robot::Mode;
 use host_sim::base::toml_file;
 use host_sim::scenario::variant::Variant;
 use host_sim::scenario::{self, keys};
@@ -39,7 +38,7 @@ pub struct Scenario {
     source: Source,
 }
 
-/// What a scenario was made from.
+/// World, text and changes from which a scenario was made.
 #[derive(Clone, PartialEq)]
 struct Source {
     world: Option<String>,
@@ -172,11 +171,6 @@ impl Scenario {
             }
         }
         self.with(changes)
-    }
-
-    /// Fusion of the lead node.
-    pub fn mode(&self) -> Mode {
-        self.inner.fusion()
     }
 }
 

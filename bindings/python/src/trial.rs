@@ -191,7 +191,10 @@ fn run_columns<'py>(
             epochs += 1;
             if epochs % SIGNAL_EPOCHS == 0 && signal.is_ok() {
                 signal = Python::attach(|py| py.check_signals());
-                interrupt.store(signal.is_err(), Relaxed);
+                // Set only: an exception of the user's parts may have set it before.
+                if signal.is_err() {
+                    interrupt.store(true, Relaxed);
+                }
             }
         };
         let outcome = regulate_on(&mut robot, &scenario.inner, observe);

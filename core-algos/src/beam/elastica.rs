@@ -349,8 +349,9 @@ impl Solver {
         self.finish(&search)
     }
 
-    /// Begins a fit as [`Self::fit_within`]: from the polynomial's shape, or first from `start`, the result of an
-    /// earlier fit. `budget` limits the integrations of the elastica, including those of [`Self::finish`].
+    /// Begins the fit of [`Self::fit_within`]. The fit starts at `start`, the result of an earlier fit, if there is one,
+    /// and at the shape of the polynomial. `budget` is the most integrations of the elastica that this function and
+    /// [`Self::finish`] make together.
     pub fn begin(
         &self,
         curvature: &[f32; MAX_GAUGES],

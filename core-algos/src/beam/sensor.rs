@@ -247,7 +247,7 @@ pub struct RelativePositionSensor {
     monitor: Monitor,
 }
 
-/// What the sensor keeps between samples and from one estimate to the next.
+/// State of the sensor: samples of the present period, health of the gauges, age of the zeros.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: [Period; MAX_GAUGES],

@@ -195,7 +195,7 @@ impl GovernorInput {
     }
 }
 
-/// What the governor keeps: the reference, and the time at rest before a change of direction.
+/// State of the governor: reference motion, time at rest, and direction of the latest motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// The smooth reference.

@@ -28,7 +28,7 @@ pub enum Phase {
     GaveUp,
 }
 
-/// What follows the phase Stop or Steer.
+/// Action of the regulator once the phase Stop or Steer ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Next {
     /// A new plan.
