@@ -17,6 +17,7 @@ mod algorithms;
 mod arrays;
 mod errors;
 mod own;
+mod physics;
 mod plant;
 mod robot;
 mod scenario;

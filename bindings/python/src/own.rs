@@ -61,7 +61,7 @@ impl Failure {
     }
 
     /// Result of a call, or `None` after an exception.
-    fn of<T>(&self, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
+    pub fn of<T>(&self, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
         if self.is_set() {
             return None;
         }

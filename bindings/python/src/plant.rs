@@ -3,11 +3,10 @@
 use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{RunError, of, refused};
 use crate::scenario::{Scenario, drawn_by};
-use host_sim::run::robot::{FRAME_POINTS, outlines};
-use host_sim::run::simulation::DrawnPlant;
-use host_sim::world::sensors::Truth;
+use host_sim::run::robot::FRAME_POINTS;
+use host_sim::run::simulation::{DrawnPlant, Physics};
+use host_sim::world::sensors::{AxleTruth, Truth};
 use numpy::{PyArray3, PyArrayMethods};
-use plant::Outline;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use std::ops::{Deref, DerefMut};
@@ -20,7 +19,7 @@ pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 /// Values of an axle among the sensed values.
-pub const PER_AXLE: usize = 4;
+const PER_AXLE: usize = 4;
 
 /// Number of sensed values: four an axle, then the strains of each frame.
 pub fn sensed_count(truth: &Truth) -> usize {
@@ -43,6 +42,22 @@ pub fn sensed_names(truth: &Truth) -> Vec<String> {
         .collect()
 }
 
+/// Puts sensed values into the inputs of the sensors.
+pub fn put_into(values: &[f64], truth: &mut Truth) {
+    let (axles, strains) = values.split_at(PER_AXLE * truth.axles.len());
+    let (axles, _) = axles.as_chunks::<PER_AXLE>();
+    for (truth, &[left, right, yaw_rate, forward_acceleration]) in truth.axles.iter_mut().zip(axles)
+    {
+        *truth = AxleTruth {
+            wheel_angle: [left, right],
+            yaw_rate,
+            forward_acceleration,
+        };
+    }
+    let gauges = truth.strains.iter_mut().flatten();
+    gauges.zip(strains).for_each(|(to, strain)| *to = *strain);
+}
+
 struct State {
     drawn: DrawnPlant,
     truth: Truth,
@@ -50,7 +65,6 @@ struct State {
     torque: Vec<f64>,
     /// Arrays of the caller: sensed values and torques.
     arrays: [Kept; 2],
-    outlines: Vec<Outline>,
     ticks: u64,
 }
 
@@ -143,11 +157,10 @@ impl Plant {
         let imperfections = scenario.world.draw(scenario.robot.topology(), seed, trial);
         let drawn = DrawnPlant::new(scenario, &imperfections).map_err(|error| of(&error))?;
         let state = State {
-            truth: drawn.no_truth(),
+            truth: scenario.world.no_truth(scenario.robot.topology()),
             sensed: Vec::new(),
             torque: vec![0.0; 2 * drawn.plant.axles().len()],
             arrays: Default::default(),
-            outlines: outlines(&drawn.plant),
             drawn,
             ticks: 0,
         };
@@ -312,6 +325,14 @@ impl Plant {
         arrays::rows(py, &axles.map(|axle| axle.wheel_speed).collect::<Vec<_>>())
     }
 
+    /// Wheel torques, shape (axles, 2): left and right, N m.
+    #[getter]
+    fn torques<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
+        let state = self.state(py)?;
+        let axles = state.drawn.plant.axles().iter();
+        arrays::rows(py, &axles.map(|axle| axle.torque).collect::<Vec<_>>())
+    }
+
     /// Postures of each axle in the frame of the axle behind it, shape (frames, 3): m, m, rad.
     #[getter]
     fn relative<'py>(&self, py: Python<'py>) -> PyResult<Rows<'py>> {
@@ -339,10 +360,7 @@ impl Plant {
     /// Points of the bent frames from root to tip, shape (frames, 13, 2), m.
     fn frame_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let state = self.state(py)?;
-        let mut points = vec![[[0.0; 2]; FRAME_POINTS]; state.outlines.len()];
-        for (outline, points) in state.outlines.iter().zip(&mut points) {
-            state.drawn.plant.draw(outline, points);
-        }
+        let points = state.drawn.frame_points();
         let flat = points.as_flattened().as_flattened().to_vec();
         arrays::row(py, flat).reshape([points.len(), FRAME_POINTS, 2])
     }

@@ -3,7 +3,7 @@
 use crate::arrays::{self, Kept, Row, Rows};
 use crate::errors::{RunError, of, refused};
 use crate::own::{Failure, Makers};
-use crate::plant::{PER_AXLE, sensed_count, sensed_names};
+use crate::plant::{put_into, sensed_count, sensed_names};
 use crate::scenario::{Scenario, drawn_by};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::LeadMode;
@@ -12,15 +12,16 @@ use core_algos::node::axle;
 use core_algos::node::lead::Task;
 use core_algos::time::EPOCH;
 use core_algos::topology::Wheels;
-use host_sim::paths::{Path, Waypoint};
+use host_sim::base::error::Error;
+use host_sim::paths::{self, Path, PathError, Waypoint};
 use host_sim::run::path_run::{PathMode, Route, Stream};
 use host_sim::run::rig::Rig;
 use host_sim::scenario;
 use host_sim::targets::{self, HostCommand};
 use host_sim::world::faults::Readings;
-use host_sim::world::sensors::{AxleTruth, Truth};
+use host_sim::world::sensors::Truth;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyInt};
 use recording::entry::LeadEntry;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
@@ -54,11 +55,7 @@ impl State {
         let drawn = scenario.world.draw(topology, seed, trial);
         let boards = targets::in_process_with(topology, &scenario.own);
         let rig = Rig::new(boards, &scenario, &drawn, (seed, trial));
-        let gauges = scenario.world.sensors.bridge.gauges_m.len();
-        let truth = Truth {
-            axles: vec![AxleTruth::default(); topology.axle_count()],
-            strains: vec![vec![0.0; gauges]; topology.frame_count()],
-        };
+        let truth = scenario.world.no_truth(topology);
         Ok(Self {
             rig: rig.map_err(|error| of(&error))?,
             sensed: vec![0.0; sensed_count(&truth)],
@@ -83,15 +80,7 @@ impl State {
         self.rig.boards.command(&command).map_err(|it| of(&it))
     }
 
-    fn follow(&mut self, points: &Bound<'_, PyAny>, laps: u32, timed: bool) -> PyResult<()> {
-        let points = arrays::numbers("points", points, &[None, Some(2)])?;
-        let points = points.as_chunks::<2>().0.iter();
-        let waypoints: Vec<Waypoint> = points.map(|&[x, y]| (x, y).into()).collect();
-        let input = |error: host_sim::paths::PathError| {
-            of(&host_sim::base::error::Error::input(error.to_string()))
-        };
-        let path = Path::through(&waypoints).map_err(input)?;
-        let route = Route::new(&path, laps, &self.scenario).map_err(input)?;
+    fn follow(&mut self, route: &Route, timed: bool) -> PyResult<()> {
         let within = self.scenario.mission.within();
         let (task, mode) = match timed {
             true => (Task::Track { within }, PathMode::Track),
@@ -99,7 +88,7 @@ impl State {
         };
         // Makes room in place of an earlier path.
         self.command(Task::Stop)?;
-        let mut stream = Stream::new(&route, mode);
+        let mut stream = Stream::new(route, mode);
         if let Some(points) = stream.next(self.rig.boards.room()) {
             self.rig.boards.command(&points).map_err(|it| of(&it))?;
         }
@@ -107,6 +96,26 @@ impl State {
         self.stream = Some(stream);
         Ok(())
     }
+}
+
+/// Route of a scenario's robot along a path: a name or CSV file of `cfmmr follow`, or waypoints of shape (n, 2), m.
+pub fn route(
+    scenario: &scenario::Scenario,
+    path: &Bound<'_, PyAny>,
+    laps: &Bound<'_, PyAny>,
+) -> PyResult<Route> {
+    let laps = arrays::whole_in("laps", laps, 1..=MAX_LAPS)?;
+    let input = |error: PathError| of(&Error::input(error.to_string()));
+    let path = match path.extract::<String>() {
+        Ok(name) => paths::named(&name, ("size", None)).map_err(|error| of(&error))?,
+        Err(_) => {
+            let points = arrays::numbers("points", path, &[None, Some(2)])?;
+            let points = points.as_chunks::<2>().0.iter();
+            let waypoints: Vec<Waypoint> = points.map(|&[x, y]| (x, y).into()).collect();
+            Path::through(&waypoints).map_err(input)?
+        }
+    };
+    Route::new(&path, laps as u32, scenario).map_err(input)
 }
 
 /// Sends points of a path at the beginning of an epoch while there is room for them.
@@ -176,8 +185,10 @@ macro_rules! tasks {
                 state.command(task)
             }
 
-            /// Follows a path through waypoints, shape (n, 2), m, from its beginning to rest at its end; with `timed`
-            /// as a trajectory. A path whose last waypoint repeats the first is closed and driven `laps` times.
+            /// Follows a path from its beginning to rest at its end; with `timed` as a trajectory.
+            ///
+            /// points: waypoints, shape (n, 2), m; or line, circle, figure-eight or a CSV file of waypoints. A path
+            /// whose last waypoint repeats the first is closed and driven `laps` times.
             #[pyo3(
                 signature = (points, laps=None, timed=false),
                 text_signature = "($self, points, laps=1, timed=False)"
@@ -188,9 +199,10 @@ macro_rules! tasks {
                 laps: Option<&Bound<'_, PyAny>>,
                 timed: bool,
             ) -> PyResult<()> {
-                let laps = laps.map(|laps| arrays::whole_in("laps", laps, 1..=MAX_LAPS));
-                let laps = laps.transpose()?.unwrap_or(1);
-                self.state()?.follow(points, laps as u32, timed)
+                let once = PyInt::new(points.py(), 1).into_any();
+                let mut state = self.state()?;
+                let route = route(&state.scenario, points, laps.unwrap_or(&once))?;
+                state.follow(&route, timed)
             }
 
             /// Drives with a speed (m/s) and a curvature (1/m) of the midpoint. Without a new command the robot stops
@@ -316,19 +328,7 @@ tasks!(Robot {
         // Refused before the boards step.
         let shape = [truth.axles.len(), 2];
         to.check("torque", torque, &shape)?;
-        let (axles, strains) = values.split_at(PER_AXLE * truth.axles.len());
-        let (axles, _) = axles.as_chunks::<PER_AXLE>();
-        for (truth, &[left, right, yaw_rate, forward_acceleration]) in
-            truth.axles.iter_mut().zip(axles)
-        {
-            *truth = AxleTruth {
-                wheel_angle: [left, right],
-                yaw_rate,
-                forward_acceleration,
-            };
-        }
-        let gauges = truth.strains.iter_mut().flatten();
-        gauges.zip(strains).for_each(|(to, strain)| *to = *strain);
+        put_into(values, truth);
         feed(rig, stream)?;
         let given = rig.step(truth).map_err(|error| of(&error))?;
         failure.check()?;

@@ -60,7 +60,8 @@ impl Scenario {
         })
     }
 
-    fn with(&self, changes: impl IntoIterator<Item = String>) -> PyResult<Self> {
+    /// Copy with further changes of keys.
+    pub fn with(&self, changes: impl IntoIterator<Item = String>) -> PyResult<Self> {
         let mut source = self.source.clone();
         source.changes.extend(changes);
         Self::of(source)

@@ -3,11 +3,14 @@
 use crate::arrays;
 use crate::errors::{RunError, of};
 use crate::own::{Failure, Makers};
+use crate::physics::{Work, beside};
+use crate::robot::route;
 use crate::scenario::{Scenario, drawn_by};
 use host_sim::base::error::Error;
+use host_sim::run::path_run::{self, PathEpoch, PathMode, Route};
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::robot::{Record, Robot};
-use host_sim::run::simulation::Simulation;
+use host_sim::scenario;
 use host_sim::scenario::variant::Variant;
 use output::files::Cell;
 use pyo3::IntoPyObjectExt;
@@ -31,6 +34,7 @@ const MAX_THREADS: u64 = 1024;
 /// Adds the functions to the module.
 pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(run_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(path_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run_rows, module)?)
 }
 
@@ -144,26 +148,33 @@ pub fn python_cell(py: Python<'_>, cell: Cell) -> PyResult<Bound<'_, PyAny>> {
     }
 }
 
+/// Parts of the user for the trials of a run: functions or classes that make a controller, an estimator and a simulator.
+#[derive(FromPyObject)]
+struct Parts {
+    controller: Option<Py<PyAny>>,
+    estimator: Option<Py<PyAny>>,
+    plant: Option<Py<PyAny>>,
+}
+
+impl Parts {
+    /// The scenario with controller and estimator.
+    fn in_boards(&self, py: Python<'_>, scenario: &Scenario, failure: &Failure) -> Scenario {
+        let part = |part: &Option<Py<PyAny>>| part.as_ref().map(|it| it.clone_ref(py));
+        let makers = Makers {
+            controller: part(&self.controller),
+            estimator: part(&self.estimator),
+        };
+        let mut scenario = scenario.clone();
+        scenario.inner.own = makers.own(failure);
+        scenario
+    }
+}
+
 /// Row of an outcome, as in trials.csv of `cfmmr posture`.
 fn row(scenario: &Scenario, trial: u64, outcome: &Outcome) -> Vec<(&'static str, Cell)> {
     let goal = scenario.inner.mission.goal;
     let variant = Variant::of(&scenario.inner);
     csv::of_trial(&variant, trial as usize, outcome, goal).into_cells()
-}
-
-/// The scenario with parts of the user: functions or classes that make a controller and an estimator.
-fn with_parts(
-    scenario: &Scenario,
-    (controller, estimator): (Option<Py<PyAny>>, Option<Py<PyAny>>),
-    failure: &Failure,
-) -> Scenario {
-    let mut scenario = scenario.clone();
-    let makers = Makers {
-        controller,
-        estimator,
-    };
-    scenario.inner.own = makers.own(failure);
-    scenario
 }
 
 /// Log and end of a trial.
@@ -173,18 +184,110 @@ fn run_columns<'py>(
     scenario: &Scenario,
     seed: &Bound<'py, PyAny>,
     trial: &Bound<'py, PyAny>,
-    controller: Option<Py<PyAny>>,
-    estimator: Option<Py<PyAny>>,
+    parts: Parts,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
-    let (seed, trial) = drawn_by(seed, Some(trial))?;
+    let trial = drawn_by(seed, Some(trial))?;
+    let (log, outcome) = logged(py, scenario, trial, &parts, Regulation)?;
+    let end = PyDict::new(py);
+    for (name, cell) in row(scenario, trial.1, &outcome) {
+        end.set_item(name, python_cell(py, cell)?)?;
+    }
+    end.set_item("trial", trial.1)?;
+    Ok((log.into_dict(py)?, end))
+}
+
+/// Log and end of a run along a path: a name or CSV file of `cfmmr follow`, or waypoints of shape (n, 2), m.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn path_columns<'py>(
+    py: Python<'py>,
+    scenario: &Scenario,
+    path: &Bound<'py, PyAny>,
+    laps: &Bound<'py, PyAny>,
+    timed: bool,
+    seed: &Bound<'py, PyAny>,
+    trial: &Bound<'py, PyAny>,
+    parts: Parts,
+) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let trial = drawn_by(seed, Some(trial))?;
+    let route = route(&scenario.inner, path, laps)?;
+    let [x, y, phi] = route.start();
+    let scenario = scenario.with(vec![format!("mission.start=[{x:?}, {y:?}, {phi:?}]")])?;
+    let mode = match timed {
+        true => PathMode::Track,
+        false => PathMode::Follow,
+    };
+    let drive = PathDrive { route, mode };
+    let (log, outcome) = logged(py, &scenario, trial, &parts, drive)?;
+    let end = PyDict::new(py);
+    for (name, cell) in csv::of_path(&outcome).into_cells() {
+        end.set_item(name, python_cell(py, cell)?)?;
+    }
+    Ok((log.into_dict(py)?, end))
+}
+
+/// A task whose epochs are logged.
+trait Logged: Send + Sync {
+    type Outcome: Send;
+
+    fn on(
+        &self,
+        robot: &mut impl Robot,
+        scenario: &scenario::Scenario,
+        observe: impl FnMut(&Record),
+    ) -> Result<Self::Outcome, Error>;
+}
+
+/// Regulation to the goal of the scenario.
+struct Regulation;
+
+impl Logged for Regulation {
+    type Outcome = Outcome;
+
+    fn on(
+        &self,
+        robot: &mut impl Robot,
+        scenario: &scenario::Scenario,
+        observe: impl FnMut(&Record),
+    ) -> Result<Outcome, Error> {
+        regulate_on(robot, scenario, observe)
+    }
+}
+
+/// Drive along a path.
+struct PathDrive {
+    route: Route,
+    mode: PathMode,
+}
+
+impl Logged for PathDrive {
+    type Outcome = path_run::Outcome;
+
+    fn on(
+        &self,
+        robot: &mut impl Robot,
+        scenario: &scenario::Scenario,
+        mut observe: impl FnMut(&Record),
+    ) -> Result<path_run::Outcome, Error> {
+        let observe = |epoch: &PathEpoch| observe(&epoch.record);
+        path_run::drive_on(robot, scenario, &self.route, self.mode, observe)
+    }
+}
+
+/// Log and outcome of a task in one trial (seed and number).
+fn logged<T: Logged>(
+    py: Python<'_>,
+    scenario: &Scenario,
+    trial: (u64, u64),
+    parts: &Parts,
+    task: T,
+) -> PyResult<(Columns, T::Outcome)> {
     let interrupt = Arc::new(AtomicBool::new(false));
     let failure = Failure::new(interrupt.clone());
-    let scenario = with_parts(scenario, (controller, estimator), &failure);
-    let ran = py.detach(|| -> Result<_, PyErr> {
+    let scenario = parts.in_boards(py, scenario, &failure);
+    py.detach(|| {
         let mut log = Columns::new(csv::record_columns());
         let rows = csv::RecordRows::default();
-        let mut robot = Simulation::new(&scenario.inner, seed, trial).map_err(|it| of(&it))?;
-        robot.control_mut().interrupt = Some(interrupt.clone());
         let (mut signal, mut epochs) = (Ok(()), 0);
         let observe = |record: &Record| {
             log.push(rows.cells(record));
@@ -197,18 +300,34 @@ fn run_columns<'py>(
                 }
             }
         };
-        let outcome = regulate_on(&mut robot, &scenario.inner, observe);
+        let work = LoggedOn {
+            task,
+            scenario: &scenario.inner,
+            interrupt: &interrupt,
+            observe,
+        };
+        let outcome = beside(&scenario, trial, parts.plant.as_ref(), &failure, work);
         signal?;
         failure.check()?;
         Ok((log, outcome.map_err(|it| of(&it))?))
-    });
-    let (log, outcome) = ran?;
-    let end = PyDict::new(py);
-    for (name, cell) in row(&scenario, trial, &outcome) {
-        end.set_item(name, python_cell(py, cell)?)?;
+    })
+}
+
+/// A logged task on the robot of a trial.
+struct LoggedOn<'a, T, F> {
+    task: T,
+    scenario: &'a scenario::Scenario,
+    interrupt: &'a Arc<AtomicBool>,
+    observe: F,
+}
+
+impl<T: Logged, F: FnMut(&Record)> Work for LoggedOn<'_, T, F> {
+    type Result = T::Outcome;
+
+    fn on(self, robot: &mut impl Robot) -> Result<T::Outcome, Error> {
+        robot.control_mut().interrupt = Some(self.interrupt.clone());
+        self.task.on(robot, self.scenario, self.observe)
     }
-    end.set_item("trial", trial)?;
-    Ok((log.into_dict(py)?, end))
 }
 
 /// Table of trials, a row a trial: all trials of the first scenario, then of the next.
@@ -218,8 +337,7 @@ fn run_rows<'py>(
     scenarios: Vec<Bound<'py, Scenario>>,
     trials: Vec<[Bound<'py, PyAny>; 2]>,
     threads: &Bound<'py, PyAny>,
-    controller: Option<Py<PyAny>>,
-    estimator: Option<Py<PyAny>>,
+    parts: Parts,
 ) -> PyResult<Bound<'py, PyDict>> {
     let threads = arrays::whole_in("threads", threads, 1..=u64::MAX)?.min(MAX_THREADS) as usize;
     let trials = trials
@@ -228,22 +346,22 @@ fn run_rows<'py>(
     let trials = trials.collect::<PyResult<Vec<_>>>()?;
     let interrupt = Arc::new(AtomicBool::new(false));
     let failure = Failure::new(interrupt.clone());
-    let parts = || {
-        let part = |part: &Option<Py<PyAny>>| part.as_ref().map(|it| it.clone_ref(py));
-        (part(&controller), part(&estimator))
-    };
     let scenarios = scenarios.iter();
     let scenarios: Vec<Scenario> = scenarios
-        .map(|it| with_parts(it.get(), parts(), &failure))
+        .map(|it| parts.in_boards(py, it.get(), &failure))
         .collect();
     let count = scenarios.len() * trials.len();
     let outcomes = py.detach(|| {
         let outcomes = run_all(count, threads, &interrupt, |k| {
-            let (seed, trial) = trials[k % trials.len()];
-            let scenario = &scenarios[k / trials.len()].inner;
-            let mut robot = Simulation::new(scenario, seed, trial)?;
-            robot.control_mut().interrupt = Some(interrupt.clone());
-            regulate_on(&mut robot, scenario, |_| ())
+            let scenario = &scenarios[k / trials.len()];
+            let work = LoggedOn {
+                task: Regulation,
+                scenario: &scenario.inner,
+                interrupt: &interrupt,
+                observe: |_: &Record| (),
+            };
+            let trial = trials[k % trials.len()];
+            beside(scenario, trial, parts.plant.as_ref(), &failure, work)
         });
         failure.check()?;
         outcomes

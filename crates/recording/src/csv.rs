@@ -4,6 +4,7 @@ use crate::entry::{LeadEntry, TruthEntry};
 use crate::schema::Schema;
 use host_sim::run::end::RunEnd;
 use host_sim::run::final_error::FinalError;
+use host_sim::run::path_run;
 use host_sim::run::regulate::Outcome;
 use host_sim::run::robot::Record;
 use host_sim::scenario::variant::Variant;
@@ -83,6 +84,29 @@ pub fn of_trial(
     row.put("force_rms_n", &[outcome.force_rms_n]);
     row.put("beam_share", &[outcome.beam_share]);
     row.put("nees drift_m", &[outcome.nees, libm::hypot(dx, dy)]);
+    row
+}
+
+/// Row of a run along a path: end, and path errors of the true and of the estimated midpoint.
+pub fn of_path(outcome: &path_run::Outcome) -> CsvRow<'static> {
+    let mut row = CsvRow::default();
+    row.end(&outcome.end);
+    let names = [
+        "rms_m max_m max_cross_track_m rms_heading_rad final_m final_heading_rad",
+        "rms_est_m max_est_m max_cross_track_est_m rms_heading_est_rad final_est_m \
+         final_heading_est_rad",
+    ];
+    for (names, it) in names.into_iter().zip([&outcome.truth, &outcome.estimate]) {
+        let errors = [
+            it.rms_m,
+            it.max_m,
+            it.max_cross_track_m,
+            it.rms_heading_rad,
+            it.final_m,
+            it.final_heading_rad,
+        ];
+        row.put(names, &errors);
+    }
     row
 }
 

@@ -101,10 +101,15 @@ impl Record {
         for (axle, at) in record.axles.iter_mut().zip([&fused.front, &fused.rear]) {
             axle.posture = posture(at);
         }
-        for (frame, axles) in record.frames.iter_mut().zip(record.axles.windows(2)) {
+        record.bend_frames();
+        record
+    }
+
+    /// Draws each frame as a cubic between its axles.
+    pub fn bend_frames(&mut self) {
+        for (frame, axles) in self.frames.iter_mut().zip(self.axles.windows(2)) {
             frame.points = strip([axles[0].posture, axles[1].posture]);
         }
-        record
     }
 
     /// Record of a simulated robot at `now`, with the lead node's latest output and the measured strains of each frame.

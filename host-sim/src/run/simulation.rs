@@ -1,4 +1,4 @@
-//! One trial: plant and rig in lockstep at 1 kHz.
+//! One trial: physics and rig in lockstep at 1 kHz.
 
 use crate::base::error::{Error, Refusal};
 use crate::bus::virtual_bus::BusStatistics;
@@ -6,18 +6,47 @@ use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
 use crate::run::recovery::{Monitor, Recovery};
 use crate::run::rig::Rig;
-use crate::run::robot::{Record, Robot, RunControl, outlines};
+use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl, outlines};
 use crate::scenario::Scenario;
 use crate::targets::{self, BoardTraffic, Boards, EventKind, HostCommand, Room, Target};
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Wheel};
 use crate::world::sensors::{AxleTruth, Truth};
+use core_algos::beam::MAX_GAUGES;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::Node;
 
 /// Time from a fault of the lead node to the end of the run, ticks: the run shows the reaction of the robot.
 const TICKS_AFTER_FAULT: u64 = 1000;
+
+/// Physics of a simulated robot: the plant of this project, or another simulator.
+pub trait Physics {
+    /// Writes motion and strains into the inputs of the sensors.
+    fn measure(&mut self, truth: &mut Truth);
+
+    /// Advances by 1 ms with the wheel torques that the boards command, `[axle][left, right]`, N m.
+    fn step(&mut self, torque: &[[f64; 2]]);
+
+    /// Record of the robot at `now`, with the lead node's latest output and the measured strains of each frame.
+    fn record(
+        &self,
+        now: Micros,
+        lead: lead::Output,
+        strain: &dyn Fn(usize) -> [f32; MAX_GAUGES],
+    ) -> Record;
+
+    /// The plant; `None` for another simulator.
+    fn plant(&self) -> Option<&Plant> {
+        None
+    }
+
+    /// Applies the injected fault of a wheel. Only the plant has injected faults.
+    fn lift_wheel(&mut self, _wheel: Wheel) {}
+
+    /// Applies the injected fault of the frame. Only the plant has injected faults.
+    fn snap_frame(&mut self) {}
+}
 
 /// Plant of a drawn robot with the true positions of its gauges.
 #[derive(Debug)]
@@ -27,6 +56,8 @@ pub struct DrawnPlant {
     /// True positions of the gauges of each frame.
     gauges: Vec<Vec<Station>>,
     half_thickness: f64,
+    /// Positions along each frame of the points of a record.
+    outlines: Vec<Outline>,
 }
 
 impl DrawnPlant {
@@ -41,20 +72,24 @@ impl DrawnPlant {
         Ok(Self {
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             gauges: scenario.world.gauges_of(imperfections, &plant),
+            outlines: outlines(&plant),
             plant,
         })
     }
 
-    /// Sensor inputs for this plant, all zero.
-    pub fn no_truth(&self) -> Truth {
-        Truth {
-            axles: vec![AxleTruth::default(); self.plant.axles().len()],
-            strains: self.gauges.iter().map(|it| vec![0.0; it.len()]).collect(),
-        }
+    /// Points of the bent frames from root to tip, global, m.
+    pub fn frame_points(&self) -> Vec<[[f64; 2]; FRAME_POINTS]> {
+        let draw = |outline| {
+            let mut points = [[0.0; 2]; FRAME_POINTS];
+            self.plant.draw(outline, &mut points);
+            points
+        };
+        self.outlines.iter().map(draw).collect()
     }
+}
 
-    /// Writes the plant's motion and strains into the inputs of the sensors.
-    pub fn measure(&self, truth: &mut Truth) {
+impl Physics for DrawnPlant {
+    fn measure(&mut self, truth: &mut Truth) {
         for (truth, axle) in truth.axles.iter_mut().zip(self.plant.axles()) {
             *truth = AxleTruth {
                 wheel_angle: axle.motor_angle,
@@ -69,21 +104,45 @@ impl DrawnPlant {
             });
         }
     }
+
+    fn step(&mut self, torque: &[[f64; 2]]) {
+        self.plant.step(torque);
+    }
+
+    fn record(
+        &self,
+        now: Micros,
+        lead: lead::Output,
+        strain: &dyn Fn(usize) -> [f32; MAX_GAUGES],
+    ) -> Record {
+        Record::of(now, &self.plant, &self.outlines, lead, strain)
+    }
+
+    fn plant(&self) -> Option<&Plant> {
+        Some(&self.plant)
+    }
+
+    fn lift_wheel(&mut self, Wheel { axle, side }: Wheel) {
+        self.plant.lift_wheel(axle, side as usize);
+    }
+
+    fn snap_frame(&mut self) {
+        self.plant.snap_frame(0);
+    }
 }
 
-/// Trial of one robot with plant and boards, in progress.
-pub struct Simulation {
-    drawn: DrawnPlant,
+/// Trial of one robot with physics and boards, in progress.
+pub struct Simulation<P = DrawnPlant> {
+    physics: P,
     rig: Rig,
     truth: Truth,
-    outlines: Vec<Outline>,
     control: RunControl,
     recovery: Option<Recovery>,
     /// Latest commanded task.
     task: Task,
 }
 
-impl Simulation {
+impl Simulation<DrawnPlant> {
     /// Robot at rest at its start, with the drawn errors of this trial. The boards run in this process, with the
     /// scenario's parts of the user.
     pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
@@ -110,22 +169,44 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let drawn = DrawnPlant::new(scenario, imperfections)?;
-        Ok(Self {
-            rig: Rig::new(targets, scenario, imperfections, (seed, trial))?,
-            truth: drawn.no_truth(),
-            outlines: outlines(&drawn.plant),
-            control: RunControl::default(),
-            recovery: None,
-            task: Task::Idle,
-            drawn,
-        })
+        let plant = DrawnPlant::new(scenario, imperfections)?;
+        Self::beside(plant, targets, scenario, imperfections, (seed, trial))
     }
 
     /// Text of the whole state except the boards.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
-        format!("{:?} {}", self.drawn, self.rig.truth())
+        format!("{:?} {}", self.physics, self.rig.truth())
+    }
+
+    /// Plant of the simulated robot.
+    pub fn plant(&self) -> &Plant {
+        &self.physics.plant
+    }
+
+    /// Injects a fault from `tick` on.
+    pub fn inject(&mut self, fault: Fault, tick: u32) {
+        self.rig.inject(fault, tick);
+    }
+}
+
+impl<P: Physics> Simulation<P> {
+    /// Robot of the drawn errors of a trial (seed and number), with the given boards and physics.
+    pub fn beside(
+        physics: P,
+        targets: Vec<Box<dyn Target>>,
+        scenario: &Scenario,
+        imperfections: &Drawn,
+        trial: (u64, u64),
+    ) -> Result<Self, Error> {
+        Ok(Self {
+            rig: Rig::new(targets, scenario, imperfections, trial)?,
+            truth: scenario.world.no_truth(scenario.robot.topology()),
+            control: RunControl::default(),
+            recovery: None,
+            task: Task::Idle,
+            physics,
+        })
     }
 
     /// Boards of the robot, to be changed.
@@ -143,11 +224,6 @@ impl Simulation {
         self.recovery = Some(Recovery::default());
     }
 
-    /// Injects a fault from `tick` on.
-    pub fn inject(&mut self, fault: Fault, tick: u32) {
-        self.rig.inject(fault, tick);
-    }
-
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
     pub fn torque(&self) -> &[[f64; 2]] {
         self.rig.torque()
@@ -163,11 +239,6 @@ impl Simulation {
         self.rig.trace.take()
     }
 
-    /// Plant of the simulated robot.
-    pub fn plant(&self) -> &Plant {
-        &self.drawn.plant
-    }
-
     /// Latest output of the lead node.
     pub fn lead_output(&self) -> &lead::Output {
         self.rig.lead()
@@ -177,16 +248,16 @@ impl Simulation {
         self.now() / TICK
     }
 
-    /// Applies the injected fault to the plant.
+    /// Applies the injected fault to the physics.
     fn disturb(&mut self, tick: u32) {
         let Some(injector) = self.rig.injector() else {
             return;
         };
-        if let Some(Wheel { axle, side }) = injector.lifts(tick) {
-            self.drawn.plant.lift_wheel(axle, side as usize);
+        if let Some(wheel) = injector.lifts(tick) {
+            self.physics.lift_wheel(wheel);
         }
         if injector.snaps(tick) {
-            self.drawn.plant.snap_frame(0);
+            self.physics.snap_frame();
         }
     }
 
@@ -207,7 +278,7 @@ impl Simulation {
     }
 }
 
-impl Robot for Simulation {
+impl<P: Physics> Robot for Simulation<P> {
     fn now(&self) -> Micros {
         self.rig.now()
     }
@@ -241,27 +312,28 @@ impl Robot for Simulation {
         self.rig.monitor.why_stopped()
     }
 
-    /// Advances by a tick: sensors, bus and boards, then the plant.
+    /// Advances by a tick: sensors, bus and boards, then the physics.
     fn step(&mut self) -> Result<(), Error> {
         if let Some(pace) = &mut self.control.pace {
             pace.wait();
         }
         let tick = self.tick() as u32;
         self.step_recovery(tick)?;
-        self.drawn.measure(&mut self.truth);
+        self.physics.measure(&mut self.truth);
         self.disturb(tick);
         let torque = self.rig.step(&self.truth)?;
-        self.drawn.plant.step(torque);
+        self.physics.step(torque);
         self.notify_observers()
     }
 
     fn record(&self) -> Record {
-        let (lead, strain) = (*self.rig.lead(), |frame| self.rig.strain(frame));
-        Record::of(self.now(), &self.drawn.plant, &self.outlines, lead, strain)
+        let lead = *self.rig.lead();
+        self.physics
+            .record(self.now(), lead, &|frame| self.rig.strain(frame))
     }
 
     fn plant(&self) -> Option<&Plant> {
-        Some(self.plant())
+        self.physics.plant()
     }
 
     fn monitor(&self) -> &Monitor {

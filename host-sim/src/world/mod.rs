@@ -29,7 +29,7 @@ use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::{Drawn, FrameErrors};
 use crate::world::random::{BOUND, Stream, generator, normal};
-use crate::world::sensors::SensorConfig;
+use crate::world::sensors::{AxleTruth, SensorConfig, Truth};
 use core_algos::topology::{MAX_AXLES, Topology};
 use declare::{ConfigError, Declared, Field, Kind};
 use plant::{Plant, PlantConfig, Station};
@@ -277,6 +277,14 @@ impl World {
         }
         robot.plant.apply(&mut plant);
         Ok(plant)
+    }
+
+    /// Inputs of the sensors, all zero.
+    pub fn no_truth(&self, topology: Topology) -> Truth {
+        Truth {
+            axles: vec![AxleTruth::default(); topology.axle_count()],
+            strains: vec![vec![0.0; self.sensors.bridge.gauges_m.len()]; topology.frame_count()],
+        }
     }
 
     /// True positions of a drawn robot's gauges on the strip of each frame.

@@ -23,7 +23,7 @@ from ._native import (
 )
 from .keys import Key, keys
 from .logs import read
-from .runs import Log, drawn, drawn_plant, frame, run, run_many, run_paths, summary, trials
+from .runs import Log, drawn, drawn_plant, frame, run, run_many, run_path, run_paths, summary, trials
 
 __all__ = [
     "Boards",
@@ -44,6 +44,7 @@ __all__ = [
     "read",
     "run",
     "run_many",
+    "run_path",
     "run_paths",
     "summary",
     "trials",

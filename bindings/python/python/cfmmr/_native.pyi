@@ -1,4 +1,4 @@
-# Compiled module. Import its names from `cfmmr` and `cfmmr.algorithms`. The functions run_columns, run_rows, keys_json,
+# Compiled module. Import its names from `cfmmr` and `cfmmr.algorithms`. The functions run_columns, path_columns, run_rows, keys_json,
 # drawn_json and drawn_plant_json are private to the package.
 
 from collections.abc import Callable, Sequence
@@ -36,15 +36,22 @@ def run_columns(
     scenario: Scenario,
     seed: SupportsIndex,
     trial: SupportsIndex,
-    controller: Callable[[], Any] | None,
-    estimator: Callable[[], Any] | None,
+    parts: Any,
+) -> tuple[dict[str, Any], dict[str, Any]]: ...
+def path_columns(
+    scenario: Scenario,
+    path: str | ArrayLike,
+    laps: SupportsIndex,
+    timed: bool,
+    seed: SupportsIndex,
+    trial: SupportsIndex,
+    parts: Any,
 ) -> tuple[dict[str, Any], dict[str, Any]]: ...
 def run_rows(
     scenarios: Sequence[Scenario],
     trials: Sequence[tuple[SupportsIndex, SupportsIndex]],
     threads: SupportsIndex,
-    controller: Callable[[], Any] | None,
-    estimator: Callable[[], Any] | None,
+    parts: Any,
 ) -> dict[str, Any]: ...
 
 @final
@@ -131,6 +138,10 @@ class Plant:
         """Wheel speeds (axles, 2): left and right, rad/s."""
 
     @property
+    def torques(self) -> _Array:
+        """Wheel torques (axles, 2): left and right, N m."""
+
+    @property
     def relative(self) -> _Array:
         """Postures of each axle in the frame of the axle behind it (frames, 3): m, m, rad."""
 
@@ -172,8 +183,8 @@ class Robot:
     def regulate(self, goal: ArrayLike | None = None) -> None:
         """Drives the midpoint to a posture (3,): m, m, rad; by default the goal of the scenario."""
 
-    def follow(self, points: ArrayLike, laps: SupportsIndex = 1, timed: bool = False) -> None:
-        """Follows a path through waypoints (n, 2), m; with `timed` as a trajectory."""
+    def follow(self, points: str | ArrayLike, laps: SupportsIndex = 1, timed: bool = False) -> None:
+        """Follows a path: waypoints (n, 2), m, or a name of `run_path`; with `timed` as a trajectory."""
 
     def drive(self, speed_m_s: SupportsFloat, curvature: SupportsFloat) -> None:
         """Drives with a speed (m/s) and a curvature (1/m) of the midpoint, for at most 200 ms."""
@@ -247,8 +258,8 @@ class Boards:
     def regulate(self, goal: ArrayLike | None = None) -> None:
         """Drives the midpoint to a posture (3,): m, m, rad; by default the goal of the scenario."""
 
-    def follow(self, points: ArrayLike, laps: SupportsIndex = 1, timed: bool = False) -> None:
-        """Follows a path through waypoints (n, 2), m; with `timed` as a trajectory."""
+    def follow(self, points: str | ArrayLike, laps: SupportsIndex = 1, timed: bool = False) -> None:
+        """Follows a path: waypoints (n, 2), m, or a name of `run_path`; with `timed` as a trajectory."""
 
     def drive(self, speed_m_s: SupportsFloat, curvature: SupportsFloat) -> None:
         """Drives with a speed (m/s) and a curvature (1/m) of the midpoint, for at most 200 ms."""

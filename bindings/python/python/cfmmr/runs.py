@@ -5,15 +5,30 @@ import os
 import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from numpy.typing import ArrayLike
 
 from . import _native
 from ._native import InputError, Scenario
 
 _INDEX = re.compile(r"\[(\d+)\]")
 _POSTURE = ("x_m", "y_m", "phi_rad")
+
+Make = Callable[[], Any]
+"""Class, or function that makes an object."""
+MakePlant = Callable[[Scenario, int, int], Any]
+"""Function that makes the simulator of a scenario, a seed and a trial."""
+
+
+class _Parts(NamedTuple):
+    """Functions that make the user's parts of a trial."""
+
+    controller: Make | None = None
+    estimator: Make | None = None
+    plant: MakePlant | None = None
 
 
 class Log(dict[str, np.ndarray]):
@@ -72,15 +87,44 @@ def run(
     seed: int,
     trial: int = 0,
     *,
-    controller: Callable[[], Any] | None = None,
-    estimator: Callable[[], Any] | None = None,
+    controller: Make | None = None,
+    estimator: Make | None = None,
+    plant: MakePlant | None = None,
 ) -> tuple[Log, dict[str, Any]]:
     """Trial `trial` of `cfmmr posture --seed SEED` in a scenario.
 
     controller, estimator: class, or function that makes an object, of the user's own (docs/python.md).
+    plant: function of scenario, seed and trial that makes a simulator to be used in place of `Plant`, with the same
+    methods `sensed_into` and `step_with` and properties `midpoint` and `axles`; `wheel_speeds`, `torques`, `relative`
+    and `wrenches` are logged if it has them.
     Returns the log and the end: kind of the end, final errors and estimate, as in trials.csv.
     """
-    columns, end = _native.run_columns(scenario, seed, trial, controller, estimator)
+    columns, end = _native.run_columns(scenario, seed, trial, _Parts(controller, estimator, plant))
+    return Log.of({name: np.asarray(values) for name, values in columns.items()}), end
+
+
+def run_path(
+    scenario: Scenario,
+    path: str | os.PathLike[str] | ArrayLike,
+    seed: int,
+    trial: int = 0,
+    *,
+    laps: int = 1,
+    timed: bool = False,
+    controller: Make | None = None,
+    estimator: Make | None = None,
+    plant: MakePlant | None = None,
+) -> tuple[Log, dict[str, Any]]:
+    """A run along a path, from its first point to rest at its last one.
+
+    path: line, circle, figure-eight or a CSV file of waypoints, as for `cfmmr follow`; or waypoints, shape (n, 2), m.
+    laps: of a closed path. timed: as a trajectory, as `cfmmr track`. controller, estimator, plant: as for `run`.
+    Returns the log from the beginning of the task, and the end: kind of the end, and path errors of the true and (names
+    with "est") of the estimated midpoint.
+    """
+    path = os.fspath(path) if isinstance(path, os.PathLike) else path
+    parts = _Parts(controller, estimator, plant)
+    columns, end = _native.path_columns(scenario, path, laps, timed, seed, trial, parts)
     return Log.of({name: np.asarray(values) for name, values in columns.items()}), end
 
 
@@ -89,18 +133,19 @@ def run_paths(
     trials: Iterable[tuple[int, int] | int],
     threads: int | None = None,
     *,
-    controller: Callable[[], Any] | None = None,
-    estimator: Callable[[], Any] | None = None,
+    controller: Make | None = None,
+    estimator: Make | None = None,
+    plant: MakePlant | None = None,
 ) -> list[np.ndarray]:
     """True path of the midpoint in each trial, shape (n, 3): m, m, rad, a row an epoch.
 
-    trials, threads, controller, estimator: as for `run_many`.
+    trials, threads, controller, estimator, plant: as for `run_many`.
     """
     pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
     threads = _threads(threads)
 
     def path(pair: tuple[int, int]) -> np.ndarray:
-        log, _ = run(scenario, *pair, controller=controller, estimator=estimator)
+        log, _ = run(scenario, *pair, controller=controller, estimator=estimator, plant=plant)
         return log["truth.robot"]
 
     with ThreadPoolExecutor(threads) as executor:
@@ -124,28 +169,29 @@ def run_many(
     executor: Executor | None = None,
     block: int = 8,
     *,
-    controller: Callable[[], Any] | None = None,
-    estimator: Callable[[], Any] | None = None,
+    controller: Make | None = None,
+    estimator: Make | None = None,
+    plant: MakePlant | None = None,
 ) -> dict[str, np.ndarray]:
     """Table of trials by column, a row a trial: all trials of the first scenario, then of the next.
 
     Each trial is a pair (seed, trial), or a seed alone for its trial 0. They run on `threads` threads (by default one a
     core), or in blocks of `block` trials on an executor of `concurrent.futures`, whose workers need this package.
-    Neither changes a bit of the result. controller, estimator: as for `run`; made once a trial.
+    Neither changes a bit of the result. controller, estimator, plant: as for `run`; made once a trial.
     """
     scenarios = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     pairs = [pair if isinstance(pair, tuple) else (pair, 0) for pair in trials]
     if not scenarios or not pairs:
         raise refused("trials", f"{len(scenarios)} scenarios, {len(pairs)} trials", "at least one of each")
     if executor is None:
-        return _arrays(_native.run_rows(scenarios, pairs, _threads(threads), controller, estimator))
+        return _arrays(_native.run_rows(scenarios, pairs, _threads(threads), _Parts(controller, estimator, plant)))
     if threads is not None:
         raise refused("threads", threads, "None with an executor, which has its own workers")
     if block < 1:
         raise refused("block", block, "a whole number of at least 1")
     blocks = [pairs[first : first + block] for first in range(0, len(pairs), block)]
-    own = (controller, estimator)
-    jobs = [executor.submit(_native.run_rows, [scenario], part, 1, *own) for scenario in scenarios for part in blocks]
+    own = _Parts(controller, estimator, plant)
+    jobs = [executor.submit(_native.run_rows, [scenario], part, 1, own) for scenario in scenarios for part in blocks]
     try:
         tables = [_arrays(job.result()) for job in jobs]
     except BaseException:
