@@ -101,6 +101,9 @@ class Ground:
         return lambda x, y: top
 
 
+FLAT = Ground()
+
+
 def _rough(
     spec: mujoco.MjSpec, deviation: float, length: float, half_size: float, random: np.random.Generator
 ) -> Callable[[float, float], float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..runs import drawn_plant
 from .._native import Scenario
-from .grounds import Ground
+from .grounds import FLAT, Ground
 
 HINGES = 20
 """Number of elastic hinges in a frame."""
@@ -37,15 +37,26 @@ class MuJoCoRobot:
     a chain of `HINGES` hinges that bend and twist. Contacts have Coulomb friction. Backlash, side slip, floor drift and
     load-dependent radii of the drawn robot are left out.
 
+    ground: in a square from −reach_m to reach_m; the robot falls off its edge. impratio: stiffness of friction over that
+    of the normal force in MuJoCo's contacts.
+
     The wheels are held until the mission's time to settle has passed, so that the robot does not roll down a slope.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, trial: int = 0, ground: Ground = Ground(), impratio: float = 10):
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        trial: int = 0,
+        ground: Ground = FLAT,
+        *,
+        reach_m: float = 8.0,
+        impratio: float = 10.0,
+    ):
         drawn = drawn_plant(scenario, seed, trial)
         self._plant = drawn["plant"]
         random = np.random.default_rng([seed, trial])
-        reach = 1 + max(np.abs(scenario[f"mission.{name}"][:2]).max() for name in ("start", "goal"))
-        self.model = _model(drawn, ground, max(4.0, reach), impratio, random)
+        self.model = _model(drawn, ground, reach_m, impratio, random)
         self.data = mujoco.MjData(self.model)
         named = partial(mujoco.mj_name2id, self.model)
         bodies, joints = mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT
