@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import csv
-import os
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import mujoco
+import numpy as np
+from PIL import Image
 
 from .. import pictures
+from .robot import MuJoCoRobot
 from .trials import Row, Trial, run_trial
 
-if TYPE_CHECKING:
-    import numpy as np
-
-FRAMES_PER_S = 10
-_SIZE = (480, 320)
+FRAMES_PER_S = 5
+_SIZE = (420, 260)
+_COLOURS = 48
 """Width and height of a film, pixels."""
 
 
@@ -58,39 +60,50 @@ def _name(row: Row) -> str:
     return row.name.replace(" ", "-").replace("°", "-degrees")
 
 
-def _film(row: Row, seed: int) -> list[Any]:
+class _Camera:
+    """Renders a model without a display. It looks at the robot from behind its left side and follows it."""
+
+    def __init__(self, model: mujoco.MjModel):
+        try:
+            from mujoco.egl import GLContext
+
+            self._context = GLContext(*_SIZE)
+            self._context.make_current()
+        except Exception as error:
+            raise MediaError(
+                f"a film needs OpenGL without a display (Debian: apt-get install libegl1 libgl1-mesa-dri): {error}"
+            ) from error
+        model.vis.global_.offwidth, model.vis.global_.offheight = _SIZE
+        self._model, self._options, self._view = model, mujoco.MjvOption(), mujoco.MjvCamera()
+        self._view.distance, self._view.azimuth, self._view.elevation = 1.3, 130, -25
+        self._scene = mujoco.MjvScene(model, maxgeom=5000)
+        self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._renderer)
+
+    def picture(self, data: mujoco.MjData, middle: np.ndarray) -> Image.Image:
+        self._view.lookat[:] = middle
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self._model, data, self._options, None, self._view, everything, self._scene)
+        pixels, place = np.empty((*_SIZE[::-1], 3), np.uint8), mujoco.MjrRect(0, 0, *_SIZE)
+        mujoco.mjr_render(place, self._scene, self._renderer)
+        mujoco.mjr_readPixels(pixels, None, place, self._renderer)
+        return Image.fromarray(pixels[::-1]).quantize(_COLOURS, dither=Image.Dither.NONE)
+
+
+def _film(row: Row, seed: int) -> list[Image.Image]:
     """Frames of the first trial of a row."""
-    os.environ.setdefault("MUJOCO_GL", "egl")
-    try:
-        import mujoco
-        from PIL import Image
-
-        from .robot import MuJoCoRobot
-    except ImportError as error:
-        raise MediaError(f"a film needs the package pillow: pip install 'cfmmr[mujoco]' ({error})") from error
-
-    frames = []
+    frames: list[Image.Image] = []
 
     class Filmed(MuJoCoRobot):
         def __init__(self, *arguments: Any, **options: Any):
             super().__init__(*arguments, **options)
-            try:
-                self._renderer = mujoco.Renderer(self.model, _SIZE[1], _SIZE[0])
-            except Exception as error:
-                raise MediaError(
-                    f"a film needs OpenGL without a display (Debian: apt-get install libegl1 libgl1-mesa-dri): {error}"
-                ) from error
-            self._camera = mujoco.MjvCamera()
-            self._camera.distance, self._camera.azimuth, self._camera.elevation = 1.3, 130, -25
-            self._ticks = 0
+            self._camera, self._ticks = _Camera(self.model), 0
 
         def step_with(self, torque: np.ndarray) -> None:
             super().step_with(torque)
             self._ticks += 1
             if self._ticks % (1000 // FRAMES_PER_S) == 0:
-                self._camera.lookat[:] = self.data.xpos[self._axles].mean(axis=0)
-                self._renderer.update_scene(self.data, self._camera)
-                frames.append(Image.fromarray(self._renderer.render()))
+                frames.append(self._camera.picture(self.data, self.data.xpos[self._axles].mean(axis=0)))
 
     run_trial(row, seed, 0, Filmed)
     return frames

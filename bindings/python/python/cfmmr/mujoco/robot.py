@@ -186,7 +186,10 @@ def _model(
     contact.friction = [plant["friction"], 0, 0]
     contact.condim = 3
     contact.solref = [_CONTACT_TIME_S, 1]
+    _add_looks(spec)
+    contact.material = "floor"
     height = ground.build(spec, half_size_m, random)
+    contact.material = ""
 
     axles = len(plant["mass_kg"])
     x, y, heading = drawn["start"]
@@ -207,6 +210,26 @@ def _model(
         body = _add_frame(body, plant, frame, 2 * drawn["half_thickness_m"])
         _add_axle(spec, body, plant, frame)
     return spec.compile()
+
+
+def _add_looks(spec: mujoco.MjSpec) -> None:
+    """Light and the floor's pattern, of squares of 0.25 m."""
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    light = spec.worldbody.add_light(pos=[0, 0, 4], dir=[0.3, 0.2, -1], castshadow=True)
+    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    light.diffuse = [0.7, 0.7, 0.7]
+    kinds = mujoco.mjtTexture
+    spec.add_texture(
+        name="floor", type=kinds.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER, width=256, height=256,
+        rgb1=[0.62, 0.63, 0.65], rgb2=[0.7, 0.71, 0.73],
+    )
+    spec.add_texture(
+        name="sky", type=kinds.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, width=64, height=64,
+        rgb1=[0.9, 0.93, 0.97], rgb2=[0.75, 0.8, 0.88],
+    )
+    material = spec.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
 
 
 def _add_axle(spec: mujoco.MjSpec, body: mujoco.MjsBody, plant: dict[str, Any], axle: int) -> None:
