@@ -42,7 +42,7 @@ rm -rf target/wheels
 }
 wheel=$(echo target/wheels/cfmmr-*.whl)
 if [ "$current" != "$wanted" ]; then
-  "${pip[@]}" "$wheel[frames,pictures,logs]"
+  "${pip[@]}" "$wheel[frames,pictures,logs,mujoco]"
   printf '%s\n' "$wanted" >"$environment/wanted.txt"
 else
   "${pip[@]}" --force-reinstall --no-deps "$wheel"

@@ -60,7 +60,7 @@ def _name(row: Row) -> str:
     return row.name.replace(" ", "-").replace("°", "-degrees")
 
 
-class _Camera:
+class Camera:
     """Renders a model without a display. It looks at the robot from behind its left side and follows it."""
 
     def __init__(self, model: mujoco.MjModel):
@@ -97,7 +97,7 @@ def _film(row: Row, seed: int) -> list[Image.Image]:
     class Filmed(MuJoCoRobot):
         def __init__(self, *arguments: Any, **options: Any):
             super().__init__(*arguments, **options)
-            self._camera, self._ticks = _Camera(self.model), 0
+            self._camera, self._ticks = Camera(self.model), 0
 
         def step_with(self, torque: np.ndarray) -> None:
             super().step_with(torque)

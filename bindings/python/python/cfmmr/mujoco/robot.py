@@ -56,7 +56,7 @@ class MuJoCoRobot:
         drawn = drawn_plant(scenario, seed, trial)
         self._plant = drawn["plant"]
         random = np.random.default_rng([seed, trial])
-        self.model = _model(drawn, ground, reach_m, impratio, random)
+        self.model = model_of(drawn, ground, reach_m, impratio, random)
         self.data = mujoco.MjData(self.model)
         named = partial(mujoco.mj_name2id, self.model)
         bodies, joints = mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT
@@ -166,7 +166,7 @@ def _interpolation(gauges: list[float], length: float) -> np.ndarray:
     return matrix
 
 
-def _model(
+def model_of(
     drawn: dict[str, Any], ground: Ground, half_size_m: float, impratio: float, random: np.random.Generator
 ) -> mujoco.MjModel:
     """Model of the drawn robot on a ground."""
@@ -214,6 +214,8 @@ def _model(
 
 def _add_looks(spec: mujoco.MjSpec) -> None:
     """Light and the floor's pattern, of squares of 0.25 m."""
+    spec.visual.quality.shadowsize = 1024
+    spec.visual.quality.offsamples = 2
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
     light = spec.worldbody.add_light(pos=[0, 0, 4], dir=[0.3, 0.2, -1], castshadow=True)

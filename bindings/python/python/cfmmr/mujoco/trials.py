@@ -58,19 +58,17 @@ class Trial:
 
 def run_trial(row: Row, seed: int, trial: int, robot: type[MuJoCoRobot] = MuJoCoRobot) -> tuple[Trial, Log]:
     """Runs a trial of a row."""
-    plant = None if row.ground is None else partial(robot, ground=row.ground, impratio=row.impratio)
-    if row.path is None:
+    path = sine(6.0) if row.path == "sine" else row.path
+    places = [row.scenario["mission.start"][:2], row.scenario["mission.goal"][:2]] if path is None else path
+    reach = {} if isinstance(places, str) else {"reach_m": 1 + np.abs(places).max()}
+    plant = None if row.ground is None else partial(robot, ground=row.ground, impratio=row.impratio, **reach)
+    if path is None:
         log, end = run(row.scenario, seed, trial, plant=plant)
-        goal = row.scenario["mission.goal"]
-    else:
-        points = sine(6.0) if row.path == "sine" else row.path
-        log, end = run_path(row.scenario, points, seed, trial, plant=plant)
-        goal = None
-    truth, estimate = log["truth.robot"], log["lead.robot"]
-    if goal is None:
-        e, heading = end["final_m"], end["final_heading_rad"]
-    else:
         e, heading = end["e_m"], end["heading_rad"]
+    else:
+        log, end = run_path(row.scenario, path, seed, trial, plant=plant)
+        e, heading = end["final_m"], end["final_heading_rad"]
+    truth, estimate = log["truth.robot"], log["lead.robot"]
     error = estimate[-1] - truth[-1]
     error[2] = _wrap(error[2])
     covariance = log["lead.robot.covariance"][-1]
