@@ -51,6 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--ground", metavar="GROUND", action="append", help=f"ground: {KINDS}; may be repeated [flat]"
     )
+    parser.add_argument(
+        "--rows", metavar="ROWS", help="rows of `cfmmr posture`: main, pair, joint or all [gauges and the joint filter]"
+    )
     parser.add_argument("--imu", action="store_true", help="with gyroscopes and accelerometers")
     parser.add_argument(
         "--path", metavar="PATH", default="sine",
@@ -79,21 +82,24 @@ def _run(options: argparse.Namespace) -> int:
         raise refused("--path", options.path, "left out: posture drives to the goal")
     fitted = str(options.imu).lower()
     sensors = [f"sensors.{sensor}.fitted={fitted}" for sensor in ("gyro", "accelerometer")] if options.imu else []
+    if options.rows and options.imu:
+        raise refused("--imu", "with --rows", "left out: the rows name their sensors")
     scenario = Scenario(options.world, changes=[*options.set, *sensors])
+    scenarios = scenario.rows(options.rows) if options.rows else [scenario]
     grounds = [Ground.parse(text) for text in options.ground or ["flat"]]
     path = options.path if options.task == "follow" else None
-    rows = [Row(ground, scenario, path, options.impratio) for ground in (None, *grounds)]
+    rows = [Row(ground, it, path, options.impratio) for ground in (None, *grounds) for it in scenarios]
 
     title = "Posture regulation" if path is None else f"Path following, {options.path}"
     plural = "" if options.trials == 1 else "s"
-    head = f"{title}, {scenario.label}, {options.trials} trial{plural} a row, seed {options.seed}, world {scenario.world}"
+    head = f"{title}, {options.trials} trial{plural} a row, seed {options.seed}, world {scenario.world}"
     results: list[list[Trial]] = [[] for _ in rows]
     jobs = [(row, options.seed, trial) for row in rows for trial in range(options.trials)]
     for done, result in enumerate(_all(jobs, options.threads)):
         results[done // options.trials].append(result)
         if sys.stderr.isatty():
             print(f"\r{done + 1} of {len(jobs)} trials", end="\n" if done + 1 == len(jobs) else "", file=sys.stderr)
-    table = [list(COLUMNS), *(cells(row.name, trials) for row, trials in zip(rows, results))]
+    table = [list(COLUMNS), *(cells(row, trials) for row, trials in zip(rows, results))]
     text = "\n".join([head, "", *_aligned(table), *(f"{name}: {it}" for name, it in COLUMNS.items() if it)])
     if options.json == "-":
         print(text, file=sys.stderr)
@@ -109,7 +115,7 @@ def _run(options: argparse.Namespace) -> int:
         for number, trial in enumerate(trials):
             if trial.end not in SUCCESSES:
                 failed = 1
-                print(f"cfmmr.mujoco: {row.name}, trial {number}: {trial.end}: {trial.text}", file=sys.stderr)
+                print(f"cfmmr.mujoco: {row.name}, {row.scenario.label}, trial {number}: {trial.end}: {trial.text}", file=sys.stderr)
     return failed
 
 
@@ -143,7 +149,11 @@ def _write_json(options: argparse.Namespace, rows: list[Row], results: list[list
         del fields["track"]
         return {name: None if value != value else value for name, value in fields.items()}
 
-    text = json.dumps([{"ground": row.name, "trials": [plain(it) for it in trials]} for row, trials in zip(rows, results)])
+    table = [
+        {"ground": row.name, "sensors": row.scenario.label, "trials": [plain(it) for it in trials]}
+        for row, trials in zip(rows, results)
+    ]
+    text = json.dumps(table)
     if options.json == "-":
         print(text)
     else:

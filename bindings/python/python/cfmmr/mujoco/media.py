@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -14,6 +15,9 @@ from PIL import Image
 from .. import pictures
 from .robot import MuJoCoRobot
 from .trials import Row, Trial, run_trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FRAMES_PER_S = 5
 _SIZE = (420, 260)
@@ -28,21 +32,16 @@ class MediaError(Exception):
 def write(folder: Path, rows: list[Row], results: list[list[Trial]], seed: int, gif: bool) -> list[str]:
     """Writes table, pictures and, if wanted, films; gives their names."""
     films = {f"{_name(row)}.gif": _film(row, seed) for row in rows if gif and row.ground is not None}
-    _, log = run_trial(rows[-1], seed, 0)
-    goal = rows[0].scenario["mission.goal"] if rows[0].path is None else results[0][0].track[-1]
-    drawn = {
-        "paths": pictures.paths({row.name: [it.track for it in trials] for row, trials in zip(rows, results)}, goal),
-        "errors": pictures.errors({rows[-1].name: log}, goal),
-    }
+    drawn = _pictures(rows, results, seed)
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "trials.csv", "w", newline="") as file:
         names = [field.name for field in fields(Trial) if field.name not in ("track", "relative")]
         writer = csv.writer(file)
-        writer.writerow(["ground", "trial", *names, "relative_x_m", "relative_y_m", "relative_phi_rad"])
+        writer.writerow(["ground", "sensors", "trial", *names, "relative_x_m", "relative_y_m", "relative_phi_rad"])
         for row, trials in zip(rows, results):
             for number, trial in enumerate(trials):
                 values = [getattr(trial, name) for name in names]
-                writer.writerow([row.name, number, *map(_cell, values), *map(_cell, trial.relative)])
+                writer.writerow([row.name, row.scenario.label, number, *map(_cell, values), *map(_cell, trial.relative)])
     for name, figure in drawn.items():
         figure.savefig(folder / f"{name}.png", dpi=100)
     for name, frames in films.items():
@@ -51,13 +50,37 @@ def write(folder: Path, rows: list[Row], results: list[list[Trial]], seed: int, 
     return ["trials.csv", *(f"{name}.png" for name in drawn), *films]
 
 
+def _pictures(rows: list[Row], results: list[list[Trial]], seed: int) -> dict[str, Figure]:
+    """Paths of all trials; of regulation also the errors in the first trial of the last row."""
+    tracks = {_title(row): [trial.track for trial in trials] for row, trials in zip(rows, results)}
+    if rows[0].path is None:
+        goal = rows[0].scenario["mission.goal"]
+        _, log = run_trial(rows[-1], seed, 0)
+        return {"paths": pictures.paths(tracks, goal), "errors": pictures.errors({_title(rows[-1]): log}, goal)}
+    ends = np.array([track[-1] for some in tracks.values() for track in some])
+    points, goal = rows[0].points, ends.mean(axis=0)
+    if not isinstance(points, str):
+        goal = np.array([*points[-1], np.arctan2(*(points[-1] - points[-2])[::-1])])
+    figure = pictures.paths(tracks, goal)
+    figure.suptitle(f"Path following: {rows[0].path}")
+    for axis in figure.axes[: len(rows)]:
+        if not isinstance(points, str):
+            axis.plot(*points.T, color="0.6", linestyle=":", linewidth=1)
+    return {"paths": figure}
+
+
 def _cell(value: object) -> object:
     """Value in a table: unknown is empty."""
     return "" if value != value else int(value) if isinstance(value, bool) else value
 
 
+def _title(row: Row) -> str:
+    return f"{row.name}: {row.scenario.label}"
+
+
 def _name(row: Row) -> str:
-    return row.name.replace(" ", "-").replace("°", "-degrees")
+    """Name of a file."""
+    return re.sub(r"[^\w.]+", "-", f"{row.name} {row.scenario.label}".replace("°", " degrees"))
 
 
 class Camera:

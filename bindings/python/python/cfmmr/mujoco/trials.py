@@ -30,6 +30,11 @@ class Row:
     impratio: float = 10.0
 
     @property
+    def points(self) -> np.ndarray | str | None:
+        """Waypoints of the path, shape (n, 2), m, or its name."""
+        return sine(6.0) if self.path == "sine" else self.path
+
+    @property
     def name(self) -> str:
         return "plant" if self.ground is None else str(self.ground)
 
@@ -58,7 +63,7 @@ class Trial:
 
 def run_trial(row: Row, seed: int, trial: int, robot: type[MuJoCoRobot] = MuJoCoRobot) -> tuple[Trial, Log]:
     """Runs a trial of a row."""
-    path = sine(6.0) if row.path == "sine" else row.path
+    path = row.points
     places = [row.scenario["mission.start"][:2], row.scenario["mission.goal"][:2]] if path is None else path
     reach = {} if isinstance(places, str) else {"reach_m": 1 + np.abs(places).max()}
     plant = None if row.ground is None else partial(robot, ground=row.ground, impratio=row.impratio, **reach)
@@ -118,6 +123,7 @@ def _wrap(angle: Any) -> Any:
 
 COLUMNS = {
     "ground": "",
+    "sensors, fusion": "",
     "goal (cm)": "true distance from the goal at the end, mean ± standard deviation",
     "heading (°)": "true heading less that of the goal, mean of the magnitude",
     "claim (cm)": "95 % error of the position by the robot's own estimate, mean",
@@ -130,16 +136,17 @@ COLUMNS = {
 """Columns of the table with their meaning."""
 
 
-def cells(name: str, trials: Sequence[Trial]) -> list[str]:
+def cells(row: Row, trials: Sequence[Trial]) -> list[str]:
     """Cells of a row of the table."""
     e, nees = (np.array([getattr(trial, field) for trial in trials]) for field in ("e_m", "nees"))
     heading = np.mean([abs(trial.heading_rad) for trial in trials])
     relative = np.sqrt(np.mean([np.square(trial.relative) for trial in trials], axis=0))
-    spread = e.std(ddof=1) if len(e) > 1 else np.nan
+    spread = f" ± {100 * e.std(ddof=1):.1f}" if len(e) > 1 else ""
     kinds, counts = np.unique([trial.end for trial in trials], return_counts=True)
     return [
-        name,
-        f"{100 * e.mean():.1f} ± {100 * spread:.1f}",
+        row.name,
+        row.scenario.label,
+        f"{100 * e.mean():.1f}{spread}",
         f"{np.degrees(heading):.2f}",
         f"{100 * np.mean([trial.claim_m for trial in trials]):.1f}",
         f"{nees.mean():.1f}",
