@@ -647,6 +647,7 @@ impl DynamicLaw {
                 moment,
             },
             beam_load: None,
+            ground_load: AxleLoad::default(),
         });
         Ok(command.torque_nm.list())
     }

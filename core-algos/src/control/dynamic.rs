@@ -160,6 +160,8 @@ impl Config {
             yaw_rate_gain: per_moment * self.yaw_rate_gain_nm_s_rad,
             force_share: per_force * self.frame_feedforward,
             moment_share: per_moment * self.frame_feedforward,
+            per_force,
+            per_moment,
             frame_in_xi: if self.frame_force_in_xi { 1.0 } else { 0.0 },
             torque_line: self.motor.map(|motor| {
                 let per_speed = motor.stall_torque_nm / (motor.no_load_speed_rad_s * radius);
@@ -182,6 +184,8 @@ pub struct Input {
     pub reference_load: AxleLoad,
     /// Load of the frame estimated from its strains; `None` without a valid estimate.
     pub beam_load: Option<AxleLoad>,
+    /// Load of the ground as estimated by [`super::disturbance`]; zero for none.
+    pub ground_load: AxleLoad,
 }
 
 /// Wheel torques, with intermediate results.
@@ -214,6 +218,9 @@ pub struct Dynamic {
     yaw_inertia: f32,
     yaw_rate_gain: f32,
     moment_share: f32,
+    /// Mean wheel torque per force; half the difference of the torques per moment.
+    per_force: f32,
+    per_moment: f32,
     /// 1 if ‖F_K‖ is a component of ξ, otherwise 0.
     frame_in_xi: f32,
     /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m); `None` if the
@@ -295,10 +302,12 @@ impl Dynamic {
         // The gains include (SᵀE)⁻¹, so `ahead` is the mean of the torques, and `across` half their difference.
         let ahead = self.mass * reference.acceleration.v
             - self.velocity_gain * (input.twist.v - velocity.v) * xi_squared
-            - self.force_share * load.forward;
+            - self.force_share * load.forward
+            - self.per_force * input.ground_load.forward;
         let across = self.yaw_inertia * reference.acceleration.omega
             - self.yaw_rate_gain * (input.twist.omega - velocity.omega) * xi_squared
-            - self.moment_share * load.moment;
+            - self.moment_share * load.moment
+            - self.per_moment * input.ground_load.moment;
         let (left, right) = (ahead - across, ahead + across);
 
         let turning = self.config.half_track_m * input.twist.omega;

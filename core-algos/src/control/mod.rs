@@ -9,6 +9,7 @@
 mod arc;
 pub mod cascade;
 pub mod controller;
+pub mod disturbance;
 pub mod dynamic;
 pub mod funnel;
 pub mod governor;
