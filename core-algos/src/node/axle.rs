@@ -110,8 +110,9 @@ pub struct State {
     output: Output,
     /// Reference that the axle followed in the last step; `None` if it followed none.
     followed: Option<AxleReference>,
-    /// Load of the ground, as the disturbance observer estimates it; zero while no reference is followed.
-    ground: AxleLoad,
+    /// Force of the ground along the heading, as the disturbance observer estimates it, N; zero while no reference is
+    /// followed.
+    ground_force_n: f32,
     /// Coordinated stop under way; `None` outside of a stop.
     stop: Option<Stop>,
     /// True if the coordinated stop is over.
@@ -292,7 +293,7 @@ impl AxleNode {
             self.state.halted = false;
         }
         self.state.followed = reference;
-        (self.state.output, self.state.ground) = reference
+        (self.state.output, self.state.ground_force_n) = reference
             .map(|reference| self.control(now, speeds, reference))
             .unwrap_or_default();
         if let Some(stop) = &mut self.state.stop {
@@ -357,36 +358,35 @@ impl AxleNode {
         }
     }
 
-    /// Torques that follow the reference, and the load of the ground estimated for the next tick.
+    /// Torques that follow the reference, and the force of the ground estimated for the next tick, N.
     fn control(
         &self,
         now: Micros,
         speeds: [f32; 2],
         mut reference: AxleReference,
-    ) -> (Output, AxleLoad) {
+    ) -> (Output, f32) {
         let posture = self.state.filter.posture();
         // Positions on the bus repeat after a span. The reference means the equivalent position that is nearest to the
         // axle.
         let to = &mut reference.posture;
         to.x = posture.x + wrap_position(to.x - posture.x);
         to.y = posture.y + wrap_position(to.y - posture.y);
-        let ground = self.state.ground;
         let input = dynamic::Input {
             posture,
             twist: self.twist(speeds),
             reference,
             reference_load: self.reference_load(),
             beam_load: self.beam_load(now),
-            ground_load: ground,
+            ground_force_n: self.state.ground_force_n,
         };
         let command = self.controller.step(&input);
         // A reference too far away gives zero torque. If it lasts, it becomes a fault.
         let near = self.limits.near(command.error, 2.0);
-        let (torque_nm, ground) = if near {
-            let ground = self.disturbance.step(ground, &input, &command);
-            (command.torque_nm, ground)
+        let (torque_nm, ground_force_n) = if near {
+            let force = self.disturbance.step(&input, &command);
+            (command.torque_nm, force)
         } else {
-            (Wheels::default(), AxleLoad::default())
+            (Wheels::default(), 0.0)
         };
         let output = Output {
             torque_nm,
@@ -395,7 +395,7 @@ impl AxleNode {
             invalid: !command.valid,
             limited: command.scale < 1.0,
         };
-        (output, ground)
+        (output, ground_force_n)
     }
 
     /// Runs wheel observers and filter; returns the wheels' speeds over ground, m/s.

@@ -770,3 +770,51 @@ fn limits_are_checked_by_name_and_hold_in_each_direction() {
     }
     assert!(!limits.near(Posture::new(f32::NAN, 0.0, 0.0), 2.0));
 }
+
+/// A blocked axle with a reference of 0.1 m/s.
+#[test]
+fn force_of_the_ground_grows_while_driving_and_ends_with_the_reference() {
+    let mut node = node(AxleId(0));
+    let mut ticks = 100..;
+    let mut drive = |node: &mut AxleNode, count: usize| {
+        for tick in ticks.by_ref().take(count) {
+            let now = referred(node, tick, 0.1, Posture::ORIGIN);
+            step(node, now, &still());
+        }
+        node.state().ground_force_n
+    };
+    drive(&mut node, 10);
+    let begun = drive(&mut node, 10);
+    // Ḟ = −ω_i K₁ (0.1 m/s + c s F): tends to −1/c at the rate ω_i K₁ c s = 30 1/s.
+    let later = drive(&mut node, 40);
+    let course = (1.0 / 0.15 + begun) * (-0.04f32 * 30.0).exp() - 1.0 / 0.15;
+    assert!(
+        (later / course - 1.0).abs() < 0.02,
+        "{begun} {later} {course}"
+    );
+    // The reference is at the axle, so only 200 N s/m of the law push, and the force of the ground.
+    let pushed: f32 = node.state().output.torque_nm.list().iter().sum();
+    let law = 200.0 * 0.1 * (1.0 + 2.0 * 0.01);
+    assert!(
+        (pushed / 0.073 / (law - later) - 1.0).abs() < 0.05,
+        "{pushed}"
+    );
+
+    lead(&mut node, 200 * TICK, LeadMode::Idle);
+    step(&mut node, 200 * TICK, &still());
+    assert!(!node.state().output.active);
+    assert_eq!(node.state().ground_force_n, 0.0);
+}
+
+#[test]
+fn force_of_the_ground_is_zero_while_the_reference_is_far_away() {
+    let mut node = node(AxleId(0));
+    for (ticks, at, grown) in [(100..150, 0.0, true), (150..151, 0.3, false)] {
+        for tick in ticks {
+            reference(&mut node, tick * TICK, 0.1, Posture::new(at, 0.0, 0.0));
+            step(&mut node, tick * TICK, &still());
+        }
+        assert_eq!(node.state().ground_force_n < -1.0, grown, "{at}");
+    }
+    assert_eq!(node.state().ground_force_n, 0.0);
+}
