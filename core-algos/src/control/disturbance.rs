@@ -33,7 +33,7 @@
 
 use super::dynamic::{self, Command, Input};
 use crate::config::{ConfigError, declare};
-use crate::math::bounded;
+use crate::math::{bounded, lesser};
 use crate::time::TICK_S;
 
 declare! {
@@ -83,7 +83,7 @@ impl Observer {
         let speed = reference.v.abs() + self.half_track * reference.omega.abs();
         let error = reference.v - input.twist.v + self.yield_per_n * speed * before;
         let bound = if command.scale < 1.0 {
-            before.abs()
+            lesser(before.abs(), self.max_force)
         } else {
             self.max_force
         };

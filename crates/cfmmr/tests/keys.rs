@@ -87,6 +87,7 @@ robot.beam.health.dead_strain=0.01 | posture | gauge stuck @600 | robot.beam.hea
 robot.axle.limits.slip_rad_s=0.08 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
 robot.axle.filter.gate_patience=2 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
 robot.axle.limits.tracking_m=0.008 | posture | motor stuck on |
+robot.axle.disturbance.max_force_n=0.1 | posture ||
 robot.lead.supervisor.degraded_time_s=2 | posture | beam board lost |
 robot.lead.supervisor.degraded_distance_m=1 | posture | beam board lost |
 robot.axle.stop.shortest_s=0.2 | posture | gauge stuck |
