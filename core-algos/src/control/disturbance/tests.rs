@@ -147,6 +147,31 @@ fn forces_of_two_axles_against_each_other_end_at_the_share_over_the_yield() {
     );
 }
 
+/// A frame that bends at rest turns the axles: the outer wheel moves at 0.162 m times the yaw rate.
+#[test]
+fn axle_yields_while_it_turns_on_the_spot() {
+    let observer = observer(Config::default());
+    let command = Command {
+        valid: true,
+        scale: 1.0,
+        ..Command::default()
+    };
+    for omega in [0.5, -0.5] {
+        let mut input = Input {
+            twist: Twist::new(0.0, omega),
+            ground_force_n: 4.0,
+            ..Input::default()
+        };
+        input.reference.twist.omega = omega;
+        // Decays at the rate ω_i K₁ c s = 24.3 1/s.
+        for _ in 0..100 {
+            input.ground_force_n = observer.step(&input, &command);
+        }
+        let expected = 4.0 * (-24.3f32 * 0.1).exp();
+        assert!((input.ground_force_n / expected - 1.0).abs() < 0.05);
+    }
+}
+
 #[test]
 fn posture_error_does_not_change_the_force() {
     let observer = observer(Config::default());
