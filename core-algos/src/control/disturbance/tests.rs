@@ -236,7 +236,9 @@ properties! {
             ground_force_n: force,
             ..Input::default()
         };
-        let force = observer.step(&input, &controller.step(&input));
+        let command = controller.step(&input);
+        let force = observer.step(&input, &command);
         prop_assert!(force.abs() <= 10.0, "{force}");
+        prop_assert!(command.valid || force == 0.0, "{force}");
     }
 }
