@@ -647,6 +647,7 @@ impl DynamicLaw {
                 moment,
             },
             beam_load: None,
+            ground_force_n: 0.0,
         });
         Ok(command.torque_nm.list())
     }

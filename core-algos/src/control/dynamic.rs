@@ -26,9 +26,9 @@
 //!   `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1, ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be differentiated from
 //!   noise), ‖v‖² because centripetal terms and friction grow with the square of speed. Norms mix m/s with rad/s and
 //!   N with N m, as the paper's do. ‖ξ‖² is capped, since ‖v̇_r‖² would drive chatter at the start of a motion.
-//! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves a yaw error. Two terms
-//!   are therefore fed forward: the load of the frame, from the reference bend or from the beam's estimate, and the
-//!   inertia, `m v̇_r` and `J ω̇_r`.
+//! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves a yaw error, and a slope
+//!   an error of speed. Three terms are therefore fed forward: the load of the frame, from the reference bend or from
+//!   the beam's estimate; the inertia, `m v̇_r` and `J ω̇_r`; the force of the ground, from [`super::disturbance`].
 //! - **Limits.** Both torques are scaled by one factor, so the direction of (force, moment) is
 //!   kept.
 //!
@@ -160,6 +160,7 @@ impl Config {
             yaw_rate_gain: per_moment * self.yaw_rate_gain_nm_s_rad,
             force_share: per_force * self.frame_feedforward,
             moment_share: per_moment * self.frame_feedforward,
+            per_force,
             frame_in_xi: if self.frame_force_in_xi { 1.0 } else { 0.0 },
             torque_line: self.motor.map(|motor| {
                 let per_speed = motor.stall_torque_nm / (motor.no_load_speed_rad_s * radius);
@@ -182,6 +183,8 @@ pub struct Input {
     pub reference_load: AxleLoad,
     /// Load of the frame estimated from its strains; `None` without a valid estimate.
     pub beam_load: Option<AxleLoad>,
+    /// Force of the ground along the heading that [`super::disturbance`] estimates, N.
+    pub ground_force_n: f32,
 }
 
 /// Wheel torques, with intermediate results.
@@ -214,6 +217,8 @@ pub struct Dynamic {
     yaw_inertia: f32,
     yaw_rate_gain: f32,
     moment_share: f32,
+    /// Mean wheel torque per force of the ground, m.
+    per_force: f32,
     /// 1 if ‖F_K‖ is a component of ξ, otherwise 0.
     frame_in_xi: f32,
     /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m); `None` if the
@@ -295,7 +300,8 @@ impl Dynamic {
         // The gains include (SᵀE)⁻¹, so `ahead` is the mean of the torques, and `across` half their difference.
         let ahead = self.mass * reference.acceleration.v
             - self.velocity_gain * (input.twist.v - velocity.v) * xi_squared
-            - self.force_share * load.forward;
+            - self.force_share * load.forward
+            - self.per_force * input.ground_force_n;
         let across = self.yaw_inertia * reference.acceleration.omega
             - self.yaw_rate_gain * (input.twist.omega - velocity.omega) * xi_squared
             - self.moment_share * load.moment;

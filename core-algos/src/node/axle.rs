@@ -24,6 +24,7 @@ use crate::acquisition::icm42688::DELAY_S;
 use crate::bus::field::wrap_position;
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
+use crate::control::disturbance::Observer;
 use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
@@ -109,6 +110,9 @@ pub struct State {
     output: Output,
     /// Reference that the axle followed in the last step; `None` if it followed none.
     followed: Option<AxleReference>,
+    /// Force of the ground along the heading, as the disturbance observer estimates it, N; zero while no reference is
+    /// followed.
+    ground_force_n: f32,
     /// Coordinated stop under way; `None` outside of a stop.
     stop: Option<Stop>,
     /// True if the coordinated stop is over.
@@ -169,6 +173,7 @@ pub struct AxleNode {
     observer: WheelObserver,
     filter: AxleFilter,
     controller: Dynamic,
+    disturbance: Observer,
     limits: Limits,
     /// Torque from which a wheel at standstill counts as stalled, N m.
     stall_torque: f32,
@@ -288,9 +293,9 @@ impl AxleNode {
             self.state.halted = false;
         }
         self.state.followed = reference;
-        self.state.output = reference.map_or(Output::default(), |reference| {
-            self.control(now, speeds, reference)
-        });
+        (self.state.output, self.state.ground_force_n) = reference
+            .map(|reference| self.control(now, speeds, reference))
+            .unwrap_or_default();
         if let Some(stop) = &mut self.state.stop {
             stop.bound_release(&mut self.state.output.torque_nm);
         }
@@ -353,34 +358,44 @@ impl AxleNode {
         }
     }
 
-    /// Torques that follow the reference.
-    fn control(&self, now: Micros, speeds: [f32; 2], mut reference: AxleReference) -> Output {
+    /// Torques that follow the reference, and the force of the ground estimated for the next tick, N.
+    fn control(
+        &self,
+        now: Micros,
+        speeds: [f32; 2],
+        mut reference: AxleReference,
+    ) -> (Output, f32) {
         let posture = self.state.filter.posture();
         // Positions on the bus repeat after a span. The reference means the equivalent position that is nearest to the
         // axle.
         let to = &mut reference.posture;
         to.x = posture.x + wrap_position(to.x - posture.x);
         to.y = posture.y + wrap_position(to.y - posture.y);
-        let command = self.controller.step(&dynamic::Input {
+        let input = dynamic::Input {
             posture,
             twist: self.twist(speeds),
             reference,
             reference_load: self.reference_load(),
             beam_load: self.beam_load(now),
-        });
+            ground_force_n: self.state.ground_force_n,
+        };
+        let command = self.controller.step(&input);
         // A reference too far away gives zero torque. If it lasts, it becomes a fault.
         let near = self.limits.near(command.error, 2.0);
-        Output {
-            torque_nm: if near {
-                command.torque_nm
-            } else {
-                Wheels::default()
-            },
+        let (torque_nm, ground_force_n) = if near {
+            let force = self.disturbance.step(&input, &command);
+            (command.torque_nm, force)
+        } else {
+            (Wheels::default(), 0.0)
+        };
+        let output = Output {
+            torque_nm,
             active: command.valid,
             error: command.error,
             invalid: !command.valid,
             limited: command.scale < 1.0,
-        }
+        };
+        (output, ground_force_n)
     }
 
     /// Runs wheel observers and filter; returns the wheels' speeds over ground, m/s.

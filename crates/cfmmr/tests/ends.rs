@@ -144,8 +144,8 @@ fn path_that_the_robot_cannot_begin_is_refused_before_the_run() {
 #[test]
 fn robot_that_cannot_move_makes_no_progress_on_a_loop() {
     let folder = tempfile::tempdir().unwrap();
-    let weak =
-        "--set robot.axle.controller.velocity_gain_n_s_m=8 --set plant.rolling_resistance=0.5";
+    let weak = "--set robot.axle.controller.velocity_gain_n_s_m=8 --set plant.rolling_resistance=0.5 \
+                --set robot.axle.disturbance.max_force_n=0";
     let options = "--path circle --size 0.38 --speed 0.06 --json result.json";
     let run = cfmmr(folder.path(), &format!("follow {options} {weak}")).ends_with(1);
     let end = json_file(folder.path(), "result.json")["end"].clone();

@@ -84,7 +84,7 @@ fn robot_tracks_every_trajectory() {
             "{name}: {estimate:?}"
         );
         assert!(estimate.final_m < 3e-3, "{name}: {estimate:?}");
-        assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
+        assert!(truth.rms_m < 0.026, "{name}: {truth:?}");
         // Final error on the figure eight: 18 mm rms over seeds, at most 47 mm in 200 seeds.
         assert!(truth.final_m < 0.04, "{name}: {truth:?}");
         // The target leads by the trailing distance, so the mean along-track error of O is small.
@@ -272,4 +272,51 @@ fn stopped_run_fails_and_names_the_reason() {
         result.contains("\"kind\": \"stopped\"") && result.contains("0x87"),
         "{result}"
     );
+}
+
+/// Loads of the ground: a slope of 3° up, down and across a line along x, cogging, rolling resistance.
+fn loads() -> [(&'static str, Scenario); 5] {
+    let mut scenario = Scenario::in_world(Some("careful")).unwrap();
+    scenario.mission.rest_s = 20.0;
+    [
+        ("down", 3.0, 0.0, 0.0, 0.03),
+        ("up", 3.0, 180.0, 0.0, 0.03),
+        ("across", 3.0, 90.0, 0.0, 0.03),
+        ("cogging", 0.0, 0.0, 0.1, 0.03),
+        ("rolling", 0.0, 0.0, 0.0, 0.06),
+    ]
+    .map(
+        |(name, slope, downhill, cogging, rolling): (_, f64, f64, _, _)| {
+            let mut scenario = scenario.clone();
+            let plant = &mut scenario.world.plant;
+            plant.slope_rad = slope.to_radians();
+            plant.downhill_rad = downhill.to_radians();
+            plant.cogging_torque_n_m = cogging;
+            plant.rolling_resistance = rolling;
+            (name, scenario)
+        },
+    )
+}
+
+/// The law of an axle alone ends 5 to 8 mm beside the end and creeps by 160 mm in 20 s on the slopes.
+#[test]
+fn line_ends_and_is_held_under_every_load_of_the_ground() {
+    let path = Path::line(1.5).unwrap();
+    for path_mode in [PathMode::Follow, PathMode::Track] {
+        for (name, scenario) in loads() {
+            let (outcome, moments) = run(&path, path_mode, &scenario, 31);
+            assert!(outcome.end.is_success(), "{name}: {outcome:?}");
+            let done = moments.iter().position(|moment| moment.record.lead.done);
+            let rest = &moments[done.unwrap()..];
+            assert!(rest.len() > 1900, "{name}");
+            let along = |moment: &PathEpoch| moment.record.lead.fused.robot.posture.x - 1.5;
+            assert!(along(&rest[0]).abs() < 1e-3, "{name}: {}", along(&rest[0]));
+            // The rolling resistance ends with the motion: its force, 1.5 N or 3 N, over the stiffness of 2000 N/m.
+            let truth = |moment: &PathEpoch| moment.record.midpoint[0];
+            for moment in rest {
+                let moved = truth(moment) - truth(&rest[0]);
+                assert!(moved.abs() < 1.5e-3, "{name}: {moved}");
+            }
+        }
+    }
 }

@@ -87,13 +87,14 @@ robot.beam.health.dead_strain=0.01 | posture | gauge stuck @600 | robot.beam.hea
 robot.axle.limits.slip_rad_s=0.08 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
 robot.axle.filter.gate_patience=2 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
 robot.axle.limits.tracking_m=0.008 | posture | motor stuck on |
+robot.axle.disturbance.max_force_n=0.1 | posture ||
 robot.lead.supervisor.degraded_time_s=2 | posture | beam board lost |
 robot.lead.supervisor.degraded_distance_m=1 | posture | beam board lost |
 robot.axle.stop.shortest_s=0.2 | posture | gauge stuck |
 robot.lead.stop.shortest_s=0.2 | posture | gauge stuck |
 robot.lead.limits.force_n=2.5 | posture | gauge drifts |
 robot.beam.calibration.rail_margin_counts=0 | posture | gauge dead |
-robot.lead.regulator.accept_distance_m=0.005 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.accept_distance_m=0.003 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
 boards.front.robot.lead.regulator.accept_distance_m=0.003 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
 robot.lead.regulator.planner.margin_rad=0.1 | posture || mission.start=[-0.2,0.2,1.0]
 robot.lead.regulator.planner.min_approach_m=1.5 | posture || mission.start=[-0.2,0.2,1.0]
@@ -146,7 +147,7 @@ robot.lead.governor.stop_deceleration_m_s2=0.88 | posture | gauge stuck |
 robot.lead.limits.bend_rad=0.35 | posture ||
 robot.lead.limits.heading_sigma_rad=0.05 | follow ||
 robot.lead.limits.moment_n_m=0.6 | posture ||
-robot.lead.regulator.accept_heading_rad=0.0026 | posture ||
+robot.lead.regulator.accept_heading_rad=0.001 | posture ||
 robot.lead.regulator.approach.circle_radius_m=0.0055 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
 robot.lead.regulator.approach.epsilon=0.0011 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
 robot.lead.regulator.approach.form=printed | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1

@@ -107,3 +107,29 @@ fn paper_robot_has_the_figures_of_table_1() {
         }
     }
 }
+
+/// The law of an axle alone rolls away from the goal and returns to it again and again.
+#[test]
+fn goal_on_a_slope_is_reached_once_and_held() {
+    for downhill in [0.0, 90.0, 180.0f64] {
+        let mut scenario = Scenario::in_world(Some("careful")).unwrap();
+        scenario.mission.rest_s = 20.0;
+        scenario.world.plant.slope_rad = 3f64.to_radians();
+        scenario.world.plant.downhill_rad = downhill.to_radians();
+        let mut rest: Vec<(bool, [f64; 3])> = Vec::new();
+        let outcome = regulate(&scenario, 31, 0, |record| {
+            if record.lead.done || !rest.is_empty() {
+                rest.push((record.lead.done, record.midpoint));
+            }
+        });
+        let outcome = outcome.unwrap();
+        assert!(outcome.end.is_success() && outcome.within, "{outcome:?}");
+        assert!(rest.len() > 1900 && rest.iter().all(|(done, _)| *done));
+        let start = rest[0].1;
+        for (_, [x, y, _]) in rest {
+            // Across the slope the tyres creep.
+            let moved = (x - start[0]).hypot(y - start[1]);
+            assert!(moved < 1.5e-3, "{downhill}: {moved}");
+        }
+    }
+}

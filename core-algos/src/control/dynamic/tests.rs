@@ -78,6 +78,7 @@ fn drive(dynamic: &Dynamic, axle: &mut Axle, twist: Twist, load: AxleLoad, time:
             },
             reference_load: load,
             beam_load: None,
+            ground_force_n: 0.0,
         };
         last = dynamic.step(&input);
         assert!(last.valid);

@@ -3,7 +3,7 @@
 use super::{AxleNode, Neighbours, State};
 use crate::bus::layout;
 use crate::config::{ConfigError, declare, positive};
-use crate::control::{dynamic, wheel_observer};
+use crate::control::{disturbance, dynamic, wheel_observer};
 use crate::fusion::ekf;
 use crate::fusion::standstill::{self, RestTimes};
 use crate::math::{Posture, Twist};
@@ -46,6 +46,8 @@ declare! {
         pub filter: ekf::Config = ekf::Config::default();
         /// Dynamic controller.
         pub controller: dynamic::Config = dynamic::Config::default();
+        /// Disturbance observer.
+        pub disturbance: disturbance::Config = disturbance::Config::default();
         /// Limits beyond which the axle stops.
         pub limits: Limits = Limits::default();
         /// Ramp of a stop.
@@ -146,6 +148,7 @@ impl Config {
             observer: self.wheel.build()?,
             filter: self.filter.build()?,
             controller: self.controller.build()?,
+            disturbance: self.disturbance.build(&self.controller)?,
             stall_torque: self.limits.stall_share * self.controller.max_torque_nm,
             limits: self.limits,
             ramp: self.stop.build(self.supervisor.stop_timeout_s)?,

@@ -465,7 +465,7 @@ fn reference_across_the_end_of_the_position_span_is_near() {
         posture: Posture::new(5.25 - 10.485_76, 10.485_76 - 5.26, 0.0),
         ..AxleReference::default()
     };
-    let error = node.control(0, [0.0; 2], reference).error;
+    let error = node.control(0, [0.0; 2], reference).0.error;
     assert!((error.x.abs() - 0.01).abs() < 1e-4 && (error.y / error.x + 2.0).abs() < 1e-2);
 }
 
@@ -769,4 +769,62 @@ fn limits_are_checked_by_name_and_hold_in_each_direction() {
         }
     }
     assert!(!limits.near(Posture::new(f32::NAN, 0.0, 0.0), 2.0));
+}
+
+/// A blocked axle with a reference of 0.1 m/s.
+#[test]
+fn force_of_the_ground_grows_while_driving_and_ends_with_the_reference() {
+    let mut node = node(AxleId(0));
+    let mut ticks = 100..;
+    let mut drive = |node: &mut AxleNode, count: usize| {
+        for tick in ticks.by_ref().take(count) {
+            let now = referred(node, tick, 0.1, Posture::ORIGIN);
+            step(node, now, &still());
+        }
+        node.state().ground_force_n
+    };
+    drive(&mut node, 10);
+    let begun = drive(&mut node, 10);
+    // Ḟ = −ω_i K₁ (0.1 m/s + c s F): tends to −1/c at the rate ω_i K₁ c s = 30 1/s.
+    let later = drive(&mut node, 40);
+    let course = (1.0 / 0.15 + begun) * (-0.04f32 * 30.0).exp() - 1.0 / 0.15;
+    assert!(
+        (later / course - 1.0).abs() < 0.02,
+        "{begun} {later} {course}"
+    );
+    // The reference is at the axle, so only 200 N s/m of the law push, and the force of the ground.
+    let Wheels { left, right } = node.state().output.torque_nm;
+    let pushed = left + right;
+    let law = 200.0 * 0.1 * (1.0 + 2.0 * 0.01);
+    assert!(
+        (pushed / 0.073 / (law - later) - 1.0).abs() < 0.05,
+        "{pushed}"
+    );
+
+    // A stop of at most 1.2 s, then the motors are off.
+    lead(&mut node, 160 * TICK, LeadMode::Idle);
+    let mut forces = Vec::new();
+    for tick in 160..1400 {
+        let active = step(&mut node, tick * TICK, &still()).active;
+        forces.push((active, node.state().ground_force_n));
+    }
+    assert!(
+        forces
+            .iter()
+            .all(|(active, force)| *active || *force == 0.0)
+    );
+    assert!(forces[0].0 && !forces[1239].0, "{forces:?}");
+}
+
+#[test]
+fn force_of_the_ground_is_zero_while_the_reference_is_far_away() {
+    let mut node = node(AxleId(0));
+    for (ticks, at, grown) in [(100..150, 0.0, true), (150..151, 0.3, false)] {
+        for tick in ticks {
+            reference(&mut node, tick * TICK, 0.1, Posture::new(at, 0.0, 0.0));
+            step(&mut node, tick * TICK, &still());
+        }
+        assert_eq!(node.state().ground_force_n < -1.0, grown, "{at}");
+    }
+    assert_eq!(node.state().ground_force_n, 0.0);
 }

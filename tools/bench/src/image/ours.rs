@@ -213,6 +213,7 @@ fn control(counter: &mut Counter) {
         reference,
         reference_load: AxleLoad::default(),
         beam_load: None,
+        ground_force_n: 0.0,
     };
     let step = |input| dynamic.step(&input);
     counter.report_function("dynamic_controller", 8, input, step, |_| ());
