@@ -31,6 +31,10 @@ def main(arguments: list[str] | None = None) -> int:
     except (RunError, media.MediaError) as error:
         print(f"cfmmr.mujoco: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:
+        # The reader of the table has ended; Python would fail again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print("cfmmr.mujoco: interrupted", file=sys.stderr)
         return 130
