@@ -14,6 +14,7 @@ pub mod constants;
 pub mod covariance;
 pub mod ekf;
 pub mod estimator;
+pub mod gravity;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;

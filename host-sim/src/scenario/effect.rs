@@ -63,6 +63,9 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.lead.fusion.intersection":
         |scenario, _| !matches!(scenario.fusion(), Mode::Intersection | Mode::IntersectionIpec) =>
             "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"";
+    "robot.lead.fusion.ground":
+        |scenario, _| scenario.fusion() != Mode::Joint =>
+            "unless robot.lead.fusion.mode is \"joint\"";
     "robot.lead.fusion.ipec":
         |scenario, _| scenario.fusion() != Mode::IntersectionIpec =>
             "unless robot.lead.fusion.mode = \"intersection-ipec\"";
@@ -80,7 +83,7 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
      sensors.accelerometer.rest_age_s sensors.accelerometer.bias_walk \
      sensors.accelerometer.noise_density sensors.accelerometer.scale_sigma \
      sensors.accelerometer.range sensors.accelerometer.bits sensors.accelerometer.delay_ms \
-     robot.axle.accelerometer_zero robot.axle.filter.accelerometer_sigma_m_s2 \
+     robot.axle.gravity robot.axle.filter.accelerometer_sigma_m_s2 \
      inertial.accelerometer_gain":
         |scenario, _| !scenario.world.sensors.accelerometer.fitted =>
             "with sensors.accelerometer.fitted = false";

@@ -869,6 +869,94 @@ fn relative_heading_is_front_minus_rear_wrapped() {
     }
 }
 
+/// Both axles climb ridges 3 mm longer than their horizontal way, one after the other, at 0.25 m/s. The beam measures
+/// the true posture, 0.37 m. Largest unevenness, and error of O along the way at the end.
+fn over_ridges(config: &Config, ridges: u16) -> (State, RobotFusion, f32, f32) {
+    let fusion = config.build().unwrap();
+    let mut state = start(&fusion, Posture::ORIGIN);
+    let (mut output, mut most) = (Output::default(), 0.0f32);
+    for tick in 0..200 * (ridges + 1) {
+        // 3 mm more within 20 ticks of 2.5 mm: the front axle after 50 ticks of each ridge, the rear axle after 120.
+        let climbs = |at: u16| tick / 200 < ridges && (at..at + 20).contains(&(tick % 200));
+        let moved = |at: u16| {
+            let more = if climbs(at) { 1.5e-4 } else { 0.0 };
+            Increment {
+                posture: Posture::new(0.0025 + more, 0.0, 0.0),
+                gyro_share: 1.0,
+                ..forward()
+            }
+        };
+        output = fusion.step(
+            &mut state,
+            &Inputs {
+                front: Some(moved(50)),
+                rear: Some(moved(120)),
+                beam: Some(straight()),
+            },
+        );
+        assert_eq!(output.beam.verdict, Verdict::Used, "{tick}");
+        most = most.max(state.unevenness());
+    }
+    let way = 0.0025 * 200.0 * f32::from(ridges + 1);
+    (state, fusion, most, output.robot.posture.x - way)
+}
+
+#[test]
+fn climbing_raises_the_unevenness_which_fades_and_blames_no_sensor() {
+    let config = Config {
+        beam_gate: None,
+        ..Config::default()
+    };
+    let blind = ground::Config {
+        rate_per_m: 0.0,
+        ..config.ground
+    };
+    let (mut state, fusion, none, _) = over_ridges(&config, 0);
+    assert_eq!(none, 0.0, "on a floor");
+    let zero_on_floor = state.joint().unwrap().constants()[constants::SCALE];
+    let (uneven, fusion_uneven, most, error) = over_ridges(&config, 6);
+    let (learnt, fusion_blind, off, _) = over_ridges(
+        &Config {
+            ground: blind,
+            ..config
+        },
+        6,
+    );
+    assert!(
+        most > 1.0 && uneven.unevenness() == 0.0 && off == 0.0,
+        "{most}"
+    );
+    assert!(fusion_uneven.inconsistent_sensor(&uneven).is_none());
+    // The odometry is 3 mm a ridge too long, and the beam cannot tell.
+    assert!((error - 6.0 * 3e-3).abs() < 4e-3, "{error}");
+    // The covariance contains it: 18 mm in 3.5 m, apart from the drift of the floor.
+    let sigma = |state: &State| state.joint().unwrap().estimates().robot.covariance[0][0];
+    let added = sigma(&uneven) - sigma(&learnt);
+    assert!(added > 0.0, "{added}");
+    let _ = (&fusion_blind, &mut state, fusion, zero_on_floor);
+}
+
+/// Change of the unevenness by its definition: rate · distance · (NIS − usual NIS), between 0 and the largest.
+#[test]
+fn unevenness_follows_the_nis_within_its_limits() {
+    let config = ground::Config::default();
+    let ground = config.build().unwrap();
+    let after = |from, driven, nis| ground.after(from, driven, nis, 40.0);
+    assert!((after(1.0, 2e-3, 10.25) - 2.2).abs() < 1e-5);
+    assert!((after(1.0, 2e-3, 0.05) - 0.976).abs() < 1e-5);
+    assert_eq!(after(0.01, 1.0, 0.0), 0.0);
+    assert_eq!(after(1.0, 0.0, 30.0), 1.0, "at rest");
+    assert_eq!(after(1.0, 1e-3, 90.0), after(1.0, 1e-3, 40.0));
+    for nis in [f32::INFINITY, f32::NAN] {
+        assert_eq!(after(0.0, 1.0, nis), config.most);
+    }
+    let variances = ground.variances(2.0, 0.5, 0.25);
+    let expected = [3.6e-5, 6.4e-5, 0.75 * 9e-4 + 0.25 * 1.6e-5];
+    for (found, expected) in variances.into_iter().zip(expected) {
+        assert!((found / expected - 1.0).abs() < 1e-5, "{found}");
+    }
+}
+
 #[test]
 fn configuration_is_checked() {
     crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
@@ -876,6 +964,8 @@ fn configuration_is_checked() {
         ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
         ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
         ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
+        ("rate_per_m", |c| c.ground.rate_per_m = -1.0),
+        ("usual_nis", |c| c.ground.usual_nis = 0.0),
     ]);
 }
 
