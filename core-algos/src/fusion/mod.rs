@@ -14,7 +14,6 @@ pub mod constants;
 pub mod covariance;
 pub mod ekf;
 pub mod estimator;
-pub mod gravity;
 pub mod intersection;
 pub mod ipec;
 pub mod joint;

@@ -1,18 +1,21 @@
-//! Zeroing of a gyro at standstill.
+//! Zeroing of inertial sensors at standstill.
 //!
-//! A robot with motors off and still wheels does not turn, so its gyros read their bias. A scalar Kalman filter estimates
-//! the bias, a random walk in white noise, at rest and keeps it while driving.
+//! A robot with motors off and still wheels neither turns nor accelerates, so gyro and accelerometer read their bias
+//! (and the slope of the floor). A scalar Kalman filter estimates the bias, a random walk in white noise, at rest and
+//! keeps it while driving.
 //!
-//! Still wheels alone do not show that an axle does not turn: a bent frame turns an axle on creeping tyres. The motors
-//! must therefore also be off until the frame has unwound. Between wheels that roll freely the frame swings for long, too
-//! little for the encoders at its turning points; the gyro's readings then differ by more than noise.
+//! Still wheels alone do not show that an axle does not turn: a bent frame turns an axle on creeping tyres. The gyro
+//! therefore also requires the motors to be off until the frame has unwound. Between wheels that roll freely the
+//! frame swings for long, too little for the encoders at its turning points; the gyro's readings then differ by more
+//! than noise. Creep is steady, so for the accelerometer still wheels are enough.
 //!
 //! Times are those of an axle node with its default configuration.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | both encoder counts equal those of the tick before, motors off, and the gyro's readings since then finite and apart by at most 14 σ of its noise | axle at rest | 0.1 s | the tick at which one of these ends | a creeping wheel keeps its count for some ticks; a swinging frame turns slowest where the encoders see least |
-//! | motors on | axle not at rest | at once | 60 s after the last tick with motors on | the frame unwinds |
+//! | both encoder counts equal those of the tick before | wheels at rest | 0.1 s | the tick at which a count changes or is missing | a creeping wheel keeps its count for some ticks |
+//! | wheels still, motors off, and the gyro's readings since then finite and apart by at most 14 σ of its noise | axle at rest | 0.1 s | the tick at which one of these ends | a swinging frame turns slowest where the encoders see least |
+//! | motors on | axle not at rest, wheels as they are | at once | 60 s after the last tick with motors on | the frame unwinds |
 //! | motors off since the start | no wait for the frame | at once | motors on | nothing has bent the frame |
 //! | no reading of the gyro | gyro does not prevent rest | at once | a reading | axles without a gyro can be at rest too |
 //! | at rest, reading finite and at most [`Config::limit`] | bias follows | each reading | end of rest | a reading at rest is bias and noise |
@@ -30,17 +33,17 @@ use crate::math::trig::sqrt;
 use crate::topology::Wheels;
 
 declare! {
-    /// Parameters of a gyro.
+    /// Parameters of one sensor, in its unit: rad/s for a gyro, m/s² for an accelerometer.
     pub struct Config {
         /// Largest accepted magnitude of a bias.
-        pub limit: f32 = Self::GYRO.limit, "rad/s": Positive;
+        pub limit: f32 = Self::GYRO.limit, "rad/s or m/s²": Positive;
         /// Density of the white noise, one-sided.
-        pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz": Positive;
+        pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz or m/s²/√Hz": Positive;
         /// Random walk of the bias.
-        pub walk_per_sqrt_s: f32 = Self::GYRO.walk_per_sqrt_s, "rad/s/√s": NonNegative;
+        pub walk_per_sqrt_s: f32 = Self::GYRO.walk_per_sqrt_s, "rad/s/√s or m/s²/√s": NonNegative;
         /// Largest standard deviation of a measured bias; above it readings are withheld until the bias is measured
         /// again.
-        pub largest_sigma: f32 = Self::GYRO.largest_sigma, "rad/s": Positive;
+        pub largest_sigma: f32 = Self::GYRO.largest_sigma, "rad/s or m/s²": Positive;
     }
 }
 
@@ -53,6 +56,16 @@ impl Config {
         // Up to this bias the gyro is better than wheels on creeping tyres.
         largest_sigma: 0.01,
     };
+    /// Parameters for an accelerometer of the ICM-42688 class. The limit is the gravity along a floor inclined by 3°.
+    pub const ACCELEROMETER: Self = Self {
+        limit: 0.5,
+        noise_per_sqrt_hz: 6.9e-4,
+        walk_per_sqrt_s: 5e-3,
+        // The standard deviation reaches this value after half a minute without rest. A bias of this size makes an axle
+        // at rest appear to move at a few mm/s.
+        largest_sigma: 0.03,
+    };
+
     /// Builds the zeroing for one sample every `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Zeroing, ConfigError> {
         let period = positive("period_s", period_s)?;
@@ -75,7 +88,7 @@ impl Config {
     }
 }
 
-/// Zeroing of a gyro with checked parameters: estimates the bias at standstill and subtracts it.
+/// Zeroing of one sensor with checked parameters: estimates the bias at standstill and subtracts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeroing {
     limit: f32,
@@ -89,7 +102,7 @@ pub struct Zeroing {
     largest: f32,
 }
 
-/// Bias of a gyro: estimate and variance.
+/// Bias of one sensor: estimate and variance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
     value: f32,
@@ -100,7 +113,7 @@ pub struct Bias {
 }
 
 impl Bias {
-    /// Estimated bias, rad/s.
+    /// Estimated bias, in the sensor's unit.
     pub fn value(&self) -> f32 {
         self.value
     }
@@ -111,7 +124,7 @@ impl Bias {
 const SPREAD: f32 = 14.0;
 
 impl Zeroing {
-    /// Limit of the difference between readings at rest, rad/s.
+    /// Limit of the difference between readings at rest, in the sensor's unit.
     pub fn spread(&self) -> f32 {
         SPREAD * sqrt(self.noise)
     }
@@ -140,11 +153,11 @@ impl Zeroing {
 /// Thresholds of the rest detector; times in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestTimes {
-    /// Time for which the wheels must be still and the motors off.
+    /// Time for which the wheels must be still and, for the gyro, the motors off.
     pub hold: u16,
-    /// Shortest time since the motors were last on.
+    /// For the gyro: shortest time since the motors were last on.
     pub settle: u32,
-    /// Limit of the difference between readings since the rest began, rad/s.
+    /// For the gyro: limit of the difference between readings since the rest began, rad/s.
     pub spread: f32,
 }
 
@@ -152,8 +165,8 @@ pub struct RestTimes {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetector {
     counts: Wheels<Option<i32>>,
-    /// Ticks of rest so far, without regard to the time since the motors were last on.
-    quiet: u16,
+    still: u16,
+    off: u16,
     /// Ticks since the motors were last on.
     since_on: u32,
     /// Lowest and highest reading of the gyro since rest was last interrupted; `None` before the first reading.
@@ -165,32 +178,43 @@ impl Default for RestDetector {
     fn default() -> Self {
         Self {
             counts: Wheels::both(None),
-            quiet: 0,
+            still: 0,
+            off: 0,
             since_on: u32::MAX,
             readings: None,
         }
     }
 }
 
+/// Rest of the wheels and of the axle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rest {
+    /// True if both wheels have kept their counts for the hold time.
+    pub wheels: bool,
+    /// True if the axle does not turn either: motors off for long enough, gyro readings within the spread.
+    pub axle: bool,
+}
+
 impl RestDetector {
-    /// Runs one tick with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s). True
-    /// if the axle is at rest.
+    /// Runs one tick with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
     pub fn step(
         &mut self,
         counts: Wheels<Option<i32>>,
         motors_on: bool,
         gyro: Option<f32>,
         times: &RestTimes,
-    ) -> bool {
+    ) -> Rest {
         let still = counts.left.is_some() && counts.right.is_some() && counts == self.counts;
         self.counts = counts;
+        let count = |before: u16, still: bool| if still { before.saturating_add(1) } else { 0 };
+        self.still = count(self.still, still);
         self.since_on = if motors_on {
             0
         } else {
             self.since_on.saturating_add(1)
         };
         let mut quiet = still && !motors_on;
-        if self.quiet == 0 {
+        if self.off == 0 {
             self.readings = None;
         }
         if let Some(reading) = gyro {
@@ -200,12 +224,11 @@ impl RestDetector {
             quiet &= reading.is_finite() && high - low <= times.spread;
             self.readings = Some([low, high]);
         }
-        self.quiet = if quiet {
-            self.quiet.saturating_add(1)
-        } else {
-            0
-        };
-        self.quiet >= times.hold && self.since_on >= times.settle
+        self.off = count(self.off, quiet);
+        Rest {
+            wheels: self.still >= times.hold,
+            axle: self.off >= times.hold && self.since_on >= times.settle,
+        }
     }
 }
 

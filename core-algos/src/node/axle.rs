@@ -1,6 +1,6 @@
 //! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
 //!
-//! The step reads in the order of the data: wheels → zeroing, removal of gravity → filter → report → supervision → reference → control.
+//! The step reads in the order of the data: wheels → zeroing → filter → report → supervision → reference → control.
 //! The posture is odometric, in a frame that begins where the axle was started; its position is kept modulo the span
 //! of positions on the bus. The lead node estimates where that frame lies and sends references in it, so a correction
 //! of the global estimate never makes the controller jump.
@@ -27,7 +27,6 @@ use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
-use crate::fusion::gravity::HighPass;
 use crate::fusion::standstill::{Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
@@ -105,8 +104,7 @@ pub struct State {
     gyro_bias: Bias,
     /// The gyro's last reading less its bias, rad/s.
     gyro: Option<f32>,
-    /// Gravity along the heading and bias in the accelerometer's reading, m/s²; `None` before the first reading.
-    gravity: Option<f32>,
+    accelerometer_bias: Bias,
     /// Output of the last step.
     output: Output,
     /// Reference that the axle followed in the last step; `None` if it followed none.
@@ -167,7 +165,7 @@ pub struct AxleNode {
     /// Thresholds of rest; times in ticks.
     rest: RestTimes,
     gyro_zero: Zeroing,
-    gravity: HighPass,
+    accelerometer_zero: Zeroing,
     observer: WheelObserver,
     filter: AxleFilter,
     controller: Dynamic,
@@ -409,8 +407,8 @@ impl AxleNode {
         let rest = state
             .rest
             .step(samples.encoder, motors_on, gyro, &self.rest);
-        state.gyro_zeroed |= rest;
-        let turning = self.gyro_zero.step(&mut state.gyro_bias, rest, gyro);
+        state.gyro_zeroed |= rest.axle;
+        let turning = self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro);
         // The gyro's reading is late and the beam's is not, so the missing part of a turn would look like a scale error
         // of the gyro. The reading is therefore extrapolated.
         let late = DELAY_S / self.period;
@@ -419,17 +417,16 @@ impl AxleNode {
             _ => turning,
         };
         state.gyro = turning.filter(|turning| turning.is_finite());
-        let [acceleration, _] = state.filter.accelerations();
         let verdicts = self.filter.step(
             &mut state.filter,
             &Measurements {
                 left_m_s: advance[0],
                 right_m_s: advance[1],
                 gyro_rad_s: now,
-                acceleration_m_s2: self.gravity.step(
-                    &mut state.gravity,
+                acceleration_m_s2: self.accelerometer_zero.step(
+                    &mut state.accelerometer_bias,
+                    rest.wheels,
                     accelerometer,
-                    acceleration,
                 ),
             },
         );

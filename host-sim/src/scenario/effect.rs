@@ -83,7 +83,7 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
      sensors.accelerometer.rest_age_s sensors.accelerometer.bias_walk \
      sensors.accelerometer.noise_density sensors.accelerometer.scale_sigma \
      sensors.accelerometer.range sensors.accelerometer.bits sensors.accelerometer.delay_ms \
-     robot.axle.gravity robot.axle.filter.accelerometer_sigma_m_s2 \
+     robot.axle.accelerometer_zero robot.axle.filter.accelerometer_sigma_m_s2 \
      inertial.accelerometer_gain":
         |scenario, _| !scenario.world.sensors.accelerometer.fitted =>
             "with sensors.accelerometer.fitted = false";

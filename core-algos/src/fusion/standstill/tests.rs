@@ -4,14 +4,6 @@ use crate::topology::Wheels;
 
 const PERIOD: f32 = 1e-3;
 
-/// Parameters far from those of a gyro.
-const OTHER: Config = Config {
-    limit: 0.5,
-    noise_per_sqrt_hz: 6.9e-4,
-    walk_per_sqrt_s: 5e-3,
-    largest_sigma: 0.03,
-};
-
 /// Bias error over many robots after `ticks` at rest: root mean square, and claimed standard deviation.
 fn remaining(ticks: usize) -> (f64, f64) {
     let zeroing = Config::GYRO.build(PERIOD).unwrap();
@@ -59,7 +51,7 @@ fn new_bias(zeroing: &Zeroing) -> Bias {
 
 #[test]
 fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
-    for (config, limit) in [(Config::GYRO, 0.05f32), (OTHER, 0.5)] {
+    for (config, limit) in [(Config::GYRO, 0.05f32), (Config::ACCELEROMETER, 0.5)] {
         let zeroing = config.build(PERIOD).unwrap();
         let beyond = limit.next_up();
         for (at_rest, reading, follows, goes_on) in [
@@ -106,7 +98,7 @@ fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
 fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measured() {
     let still = Config {
         walk_per_sqrt_s: 0.0,
-        ..OTHER
+        ..Config::ACCELEROMETER
     };
     let zeroing = still.build(PERIOD).unwrap();
     let largest = 0.03f32 * 0.03;
@@ -131,7 +123,7 @@ fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measure
     let fast = Config {
         walk_per_sqrt_s: 1.0,
         largest_sigma: 0.29,
-        ..OTHER
+        ..Config::ACCELEROMETER
     };
     for (largest_sigma, given) in [(0.28, false), (0.29, true)] {
         let config = Config {
@@ -149,7 +141,7 @@ fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measure
 
 #[test]
 fn bias_measured_too_long_ago_withholds_readings_until_it_is_measured_again() {
-    let config = OTHER;
+    let config = Config::ACCELEROMETER;
     let zeroing = config.build(PERIOD).unwrap();
     let mut bias = Bias::default();
     for _ in 0..10_000 {
@@ -181,13 +173,22 @@ const TIMES: RestTimes = RestTimes {
     settle: 10,
     spread: 0.01,
 };
+const WHEELS: Rest = Rest {
+    wheels: true,
+    axle: false,
+};
+const BOTH: Rest = Rest {
+    wheels: true,
+    axle: true,
+};
+
 /// Counts, motors on, and reading of the gyro.
 type Inputs = ([Option<i32>; 2], bool, Option<f32>);
 const LEFT: Option<i32> = Some(5);
 const RIGHT: Option<i32> = Some(-7);
 const RESTING: Inputs = ([LEFT, RIGHT], false, Some(0.0));
 
-fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &RestTimes) -> bool {
+fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &RestTimes) -> Rest {
     detector.step(counts.into(), motors_on, gyro, times)
 }
 
@@ -196,7 +197,7 @@ fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &
 fn rested(times: &RestTimes) -> RestDetector {
     let mut detector = RestDetector::default();
     for tick in 1..=20 {
-        let expected = tick >= 4;
+        let expected = if tick >= 4 { BOTH } else { Rest::default() };
         assert_eq!(step(&mut detector, RESTING, times), expected, "{tick}");
     }
     detector
@@ -221,15 +222,20 @@ fn rest_ends_with_any_disturbance_and_returns_after_its_whole_time() {
             let gyro = Some(if turns { reading } else { 0.0 });
             let disturbed = (counts, motors_on, gyro);
             let mut detector = rested(&times);
-            assert_eq!(step(&mut detector, disturbed, &times), set == 0);
+            let (wheels, axle) = (!(left || right), set == 0);
+            assert_eq!(
+                step(&mut detector, disturbed, &times),
+                Rest { wheels, axle }
+            );
             // At the next tick the counts change back, which is a change too.
-            let wheels_after = if left || right { 4 } else { 0 };
+            let wheels_after = if wheels { 0 } else { 4 };
             let gyro_after = if turns { 3 } else { 0 };
             let motors_after = if motors_on { settle.max(3) } else { 0 };
             let axle_after = wheels_after.max(gyro_after).max(motors_after);
             for tick in 1..=15 {
+                let (wheels, axle) = (tick >= wheels_after, tick >= axle_after);
                 let found = step(&mut detector, RESTING, &times);
-                assert_eq!(found, tick >= axle_after, "{disturbed:?} {tick}");
+                assert_eq!(found, Rest { wheels, axle }, "{disturbed:?} {tick}");
             }
         }
     }
@@ -237,13 +243,14 @@ fn rest_ends_with_any_disturbance_and_returns_after_its_whole_time() {
 
 #[test]
 fn rest_does_not_return_while_the_disturbance_lasts() {
+    let none = Rest::default();
     for (inputs, expected) in [
-        (([None, RIGHT], false, Some(0.0)), false),
-        (([LEFT, None], false, Some(0.0)), false),
-        (([None, None], false, Some(0.0)), false),
-        (([LEFT, RIGHT], true, Some(0.0)), false),
-        (([LEFT, RIGHT], false, Some(f32::NAN)), false),
-        (([LEFT, RIGHT], false, None), true),
+        (([None, RIGHT], false, Some(0.0)), none),
+        (([LEFT, None], false, Some(0.0)), none),
+        (([None, None], false, Some(0.0)), none),
+        (([LEFT, RIGHT], true, Some(0.0)), WHEELS),
+        (([LEFT, RIGHT], false, Some(f32::NAN)), WHEELS),
+        (([LEFT, RIGHT], false, None), BOTH),
     ] {
         let times = RestTimes { settle: 0, ..TIMES };
         let mut detector = rested(&times);
@@ -253,7 +260,7 @@ fn rest_does_not_return_while_the_disturbance_lasts() {
     }
     // An axle without a gyro rests after the same time.
     let mut detector = RestDetector::default();
-    let rests = [(); 5].map(|()| step(&mut detector, ([LEFT, RIGHT], false, None), &TIMES));
+    let rests = [(); 5].map(|()| step(&mut detector, ([LEFT, RIGHT], false, None), &TIMES).axle);
     assert_eq!(rests, [false, false, false, true, true]);
 }
 
@@ -262,16 +269,16 @@ fn gyro_spread_covers_the_whole_rest() {
     for sign in [1.0, -1.0] {
         let mut detector = rested(&TIMES);
         for (reading, expected) in [
-            (0.004f32, true),
-            (0.01, true),
-            (0.0, true),
-            (0.0101, false),
+            (0.004f32, BOTH),
+            (0.01, BOTH),
+            (0.0, BOTH),
+            (0.0101, WHEELS),
             // A new rest begins here.
-            (0.02, false),
-            (0.029, false),
-            (0.021, true),
-            (0.0195, true),
-            (0.0185, false),
+            (0.02, WHEELS),
+            (0.029, WHEELS),
+            (0.021, BOTH),
+            (0.0195, BOTH),
+            (0.0185, WHEELS),
         ] {
             let inputs = ([LEFT, RIGHT], false, Some(sign * reading));
             assert_eq!(step(&mut detector, inputs, &TIMES), expected, "{reading}");
@@ -282,7 +289,7 @@ fn gyro_spread_covers_the_whole_rest() {
     step(&mut detector, ([LEFT, RIGHT], true, Some(9.0)), &TIMES);
     for (ticks, gyro) in [(20, None), (1, Some(5.0)), (1, None), (1, Some(5.005))] {
         let rests = (0..ticks).map(|_| step(&mut detector, ([LEFT, RIGHT], false, gyro), &TIMES));
-        assert_eq!(rests.last(), Some(true), "{gyro:?}");
+        assert_eq!(rests.last(), Some(BOTH), "{gyro:?}");
     }
     // 14 standard deviations of 4.9e-5 rad/s/√Hz over 500 Hz.
     let spread = Config::GYRO.build(PERIOD).unwrap().spread();
@@ -297,7 +304,7 @@ fn longest_hold_is_reached_and_kept() {
     };
     let mut detector = RestDetector::default();
     for tick in 1..=70_000u32 {
-        let expected = tick > 65_535;
+        let expected = if tick > 65_535 { BOTH } else { Rest::default() };
         assert_eq!(step(&mut detector, RESTING, &times), expected);
     }
 }
@@ -318,7 +325,7 @@ fn swinging_frame_is_not_at_rest_despite_constant_counts() {
                 ..TIMES
             };
             let rest = detector.step(Wheels::both(count), false, Some(rate as f32), &times);
-            longest += i32::from(rest);
+            longest += i32::from(rest.axle);
         }
         longest
     };
@@ -341,7 +348,7 @@ fn noise_alone_does_not_end_rest() {
     for _ in 0..100_000 {
         let reading = (0.004 + sigma * random.normal()) as f32;
         let rest = detector.step(Wheels::both(Some(1)), false, Some(reading), &times);
-        rests += i32::from(rest);
+        rests += i32::from(rest.axle);
     }
     assert_eq!(rests, 100_000 - 3);
 }

@@ -4,8 +4,8 @@ use super::{AxleNode, Neighbours, State};
 use crate::bus::layout;
 use crate::config::{ConfigError, declare, positive};
 use crate::control::{dynamic, wheel_observer};
+use crate::fusion::ekf;
 use crate::fusion::standstill::{self, RestTimes};
-use crate::fusion::{ekf, gravity};
 use crate::math::{Posture, Twist};
 use crate::safety::{ramp, supervisor};
 use crate::time::Micros;
@@ -32,15 +32,16 @@ declare! {
         pub speed_source: SpeedSource = SpeedSource::Wheels;
         /// Wheel observers.
         pub wheel: wheel_observer::Config = wheel_observer::Config::default();
-        /// Time of rest, wheels still and motors off, after which the gyro is zeroed.
+        /// Time of rest after which the inertial sensors are zeroed: wheels still for the
+        /// accelerometer, motors off too for the gyro.
         pub rest_hold_s: f32 = 0.1, "s": Range(0.01, 10.0);
         /// Time for which the motors must have been off before the gyro is zeroed, unless they never
         /// were on: a bent frame unwinds over creeping tyres.
         pub rest_settle_s: f32 = 60.0, "s": Range(0.0, 3600.0);
         /// Zeroing of the gyro at standstill.
         pub gyro_zero: standstill::Config = standstill::Config::GYRO;
-        /// Removal of gravity and bias from the acceleration.
-        pub gravity: gravity::Config = gravity::Config::default();
+        /// Zeroing of the accelerometer at standstill.
+        pub accelerometer_zero: standstill::Config = standstill::Config::ACCELEROMETER;
         /// Axle filter.
         pub filter: ekf::Config = ekf::Config::default();
         /// Dynamic controller.
@@ -141,7 +142,7 @@ impl Config {
                 spread: gyro_zero.spread(),
             },
             gyro_zero,
-            gravity: self.gravity.build(period)?,
+            accelerometer_zero: self.accelerometer_zero.build(period)?,
             observer: self.wheel.build()?,
             filter: self.filter.build()?,
             controller: self.controller.build()?,

@@ -727,7 +727,7 @@ fn nan_reference_gives_zero_torque_and_nan_samples_keep_odometry_finite() {
 fn pitched_axle_at_rest_does_not_move() {
     let gravity = (9.81 * f64::sin(0.034)) as f32;
     let tilts: [(fn(u64) -> f32, f32); 3] = [
-        (|_| 1.0, 1e-6),
+        (|_| 1.0, 5e-4),
         (|tick| f32::from(u8::from(tick > 1000)), 5e-4),
         (|tick| f64::sin(tick as f64 * 1e-3) as f32, 5e-4),
     ];
