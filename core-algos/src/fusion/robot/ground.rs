@@ -25,7 +25,8 @@ declare! {
         // On floors the mean is 0.1 to 0.5 where wheels and tyres are unknown, and below 0.1 later.
         pub usual_nis: f32 = 0.25, "": Positive;
         /// Largest unevenness.
-        pub most: f32 = 8.0, "": NonNegative;
+        // Small enough that a lifted wheel is still refused: with 1 a robot drove on by a wheel in the air.
+        pub most: f32 = 0.2, "": NonNegative;
         /// Noise along the heading at an unevenness of 1.
         pub along_m_per_sqrt_m: f32 = 6e-3, "m/√m": NonNegative;
         /// Noise across the heading at an unevenness of 1.
