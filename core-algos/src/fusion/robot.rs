@@ -20,7 +20,7 @@
 //!
 //! **Noise.** The configured slip, which the wheels do not measure, is added to each increment's covariance. Slip
 //! grows with distance, with time and with the relative heading: a bent frame turns the axles against each other even
-//! at standstill.
+//! at standstill. On [uneven ground](ground) the joint filter adds noise, seen by the beam's innovations.
 //!
 //! **Lost messages.** An axle sends its odometric posture, not its last step, so a lost message delays motion and
 //! loses none. While one axle's increment is missing, the beam is not used: it measures motion that odometry has yet
@@ -56,6 +56,7 @@
 //! ```
 
 mod config;
+pub mod ground;
 mod slip;
 
 pub use config::{Config, Mode, Slip};
@@ -77,6 +78,8 @@ const REFERENCE_WAY_M: f32 = 1.0;
 const REFERENCE_TIME_S: f32 = 1.0;
 /// Duration of a drive up to which a constant bias covers the random walk of a gyro's bias, s.
 const WALK_TIME_S: f32 = 30.0;
+/// Largest NIS of the beam's posture that counts for the unevenness of the ground.
+const MOST_NIS: f32 = 40.0;
 /// Ticks between two times that the joint filter's covariance is conditioned.
 const CONDITION_INTERVAL: u8 = 64;
 
@@ -97,6 +100,7 @@ pub struct RobotFusion {
     /// Standard deviation of the slip speed under an unmeasured load of the frame: along, across (m/s), in heading
     /// (rad/s).
     load: [f32; 3],
+    ground: ground::Ground,
     beam_gate: Option<f32>,
     patience: u16,
     intersection: intersection::Intersection,
@@ -206,6 +210,8 @@ pub struct State {
     heading: f32,
     /// Motion of O in the last tick by odometry alone, along the global axes.
     moved: Posture,
+    /// Unevenness of the ground, 0 on a floor.
+    unevenness: f32,
     beam: Beam,
 }
 
@@ -221,6 +227,11 @@ impl State {
     /// Heading of O before the last tick, and motion of O in that tick by odometry alone (m, m, rad; global axes).
     pub fn moved(&self) -> (f32, Posture) {
         (self.heading, self.moved)
+    }
+
+    /// Unevenness of the ground by the joint filter, 0 on a floor ([`ground`]).
+    pub fn unevenness(&self) -> f32 {
+        self.unevenness
     }
 
     /// State of the joint filter; `None` in the other modes.
@@ -267,6 +278,7 @@ impl RobotFusion {
             robot: robot.posture,
             heading: robot.posture.phi,
             moved: Posture::ORIGIN,
+            unevenness: 0.0,
             beam: Beam {
                 relative: *relative,
                 rejected_in_a_row: 0,
@@ -296,8 +308,8 @@ impl RobotFusion {
             Tracks::Separate { front, rear } => wrap_angle(front.posture.phi - rear.posture.phi),
             Tracks::Joint(joint) => joint.relative().posture.phi,
         });
-        let front = self.with_slip(front, heading);
-        let rear = self.with_slip(rear, heading);
+        let front = self.with_slip(front, heading, state.unevenness);
+        let rear = self.with_slip(rear, heading, state.unevenness);
 
         let mut output = Output::default();
         let beam = inputs.beam.filter(|_| complete && self.uses_beam());
@@ -313,6 +325,7 @@ impl RobotFusion {
             robot,
             heading: before,
             moved,
+            unevenness,
             beam: beam_state,
         } = state;
         *before = robot.phi;
@@ -354,6 +367,10 @@ impl RobotFusion {
                         .joint
                         .update(joint, &beam, |nis| self.accepts(beam_state, nis));
                     self.count(beam_state, output.beam.verdict, &beam);
+                    let driven = 0.5 * (front.advance.abs() + rear.advance.abs());
+                    *unevenness = self
+                        .ground
+                        .after(*unevenness, driven, output.beam.nis, MOST_NIS);
                 }
                 *until_condition = until_condition.saturating_sub(1);
                 let estimates = joint.estimates();

@@ -63,6 +63,9 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.lead.fusion.intersection":
         |scenario, _| !matches!(scenario.fusion(), Mode::Intersection | Mode::IntersectionIpec) =>
             "unless robot.lead.fusion.mode is \"intersection\" or \"intersection-ipec\"";
+    "robot.lead.fusion.ground":
+        |scenario, _| scenario.fusion() != Mode::Joint =>
+            "unless robot.lead.fusion.mode is \"joint\"";
     "robot.lead.fusion.ipec":
         |scenario, _| scenario.fusion() != Mode::IntersectionIpec =>
             "unless robot.lead.fusion.mode = \"intersection-ipec\"";

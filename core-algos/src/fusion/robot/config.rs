@@ -1,6 +1,6 @@
 //! Configuration of the fusion.
 
-use super::{RobotFusion, WALK_TIME_S};
+use super::{RobotFusion, WALK_TIME_S, ground};
 use crate::config::{ConfigError, declare, positive};
 use crate::fusion::{constants, intersection, ipec, joint};
 use crate::math::trig::sqrt;
@@ -56,6 +56,8 @@ declare! {
         pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], "m, m, rad": Positive;
         /// Slip added to each axle's increments.
         pub slip: Slip = Slip::default();
+        /// Noise of the joint filter's increments on uneven ground.
+        pub ground: ground::Config = ground::Config::default();
         /// Largest accepted normalised innovation squared (NIS) of the beam's posture, three degrees of freedom.
         /// Without a value, every measurement is accepted.
         pub beam_gate: Option<f32> = Some(40.0), "": Positive;
@@ -110,6 +112,7 @@ impl Config {
                 }
                 _ => [0.0; 3],
             },
+            ground: self.ground.build()?,
             beam_gate: self.beam_gate,
             patience: self.gate_patience,
             intersection: self.intersection.build()?,

@@ -17,11 +17,12 @@ pub(super) struct Slipping {
 }
 
 impl RobotFusion {
-    /// The increment with slip added; a missing increment counts as no motion.
+    /// The increment with slip and the noise of uneven ground added; a missing increment counts as no motion.
     pub(super) fn with_slip(
         &self,
         increment: Option<Increment>,
         RelativeHeading(heading): RelativeHeading,
+        unevenness: f32,
     ) -> Slipping {
         let Some(increment) = increment else {
             return Slipping::default();
@@ -39,6 +40,10 @@ impl RobotFusion {
         covariance[1][1] += across * driven + position;
         let per_m = self.per_m[2] + self.creep_per_m * heading * heading;
         covariance[2][2] += by_wheels * (per_m * driven + turning);
+        let uneven = self.ground.variances(unevenness, driven, gyro_share);
+        for (k, variance) in uneven.into_iter().enumerate() {
+            covariance[k][k] += variance;
+        }
         let by = |constant: usize| self.constants[constant] * by_wheels;
         let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * heading);
         let bias = self.constants[constants::GYRO_BIAS] * gyro_share;

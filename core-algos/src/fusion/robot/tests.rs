@@ -284,7 +284,7 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
             gyro_share,
             ..Increment::new(Posture::new(x, 0.01, 0.2), given)
         };
-        let found = fusion.with_slip(Some(increment), RelativeHeading(heading));
+        let found = fusion.with_slip(Some(increment), RelativeHeading(heading), 0.0);
         let (distance, bend) = (f64::from(x.abs()), square(heading));
         let time = f64::from(ticks) * f64::from(config.period_s);
         let gyro = f64::from(gyro_share.clamp(0.0, 1.0));
@@ -392,7 +392,7 @@ fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
         disturbances.push(Disturbance::Steady(load));
     }
     for (step, axle) in (0..2 * STEPS).map(|n| (n / 2, n % 2)) {
-        let slipped = fusion.with_slip(Some(increments[axle]), RelativeHeading(shape.phi));
+        let slipped = fusion.with_slip(Some(increments[axle]), RelativeHeading(shape.phi), 0.0);
         for column in columns(&slipped.estimate.covariance) {
             disturbances.push(Disturbance::Noise(step, axle, column));
         }
@@ -869,6 +869,91 @@ fn relative_heading_is_front_minus_rear_wrapped() {
     }
 }
 
+/// Both axles climb ridges 3 mm longer than their horizontal way, one after the other, at 0.25 m/s with gyros. The beam
+/// measures the true posture, a straight frame. Returns the state at the end, the largest unevenness and the largest NIS.
+fn over_ridges(ridges: u16, rate_per_m: f32) -> (State, f32, f32) {
+    let mut config = Config::default();
+    config.ground.rate_per_m = rate_per_m;
+    let fusion = config.build().unwrap();
+    let mut state = start(&fusion, Posture::ORIGIN);
+    let (mut most_uneven, mut most_nis) = (0.0f32, 0.0f32);
+    for tick in 0..200 * (ridges + 1) {
+        // The front axle climbs after 50 ticks of each ridge, the rear axle after 120, within 20 ticks of 2.5 mm.
+        let moved = |at: u16| {
+            let climbs = tick / 200 < ridges && (at..at + 20).contains(&(tick % 200));
+            Increment {
+                posture: Posture::new(2.5e-3 + if climbs { 1.5e-4 } else { 0.0 }, 0.0, 0.0),
+                gyro_share: 1.0,
+                ..forward()
+            }
+        };
+        let output = fusion.step(
+            &mut state,
+            &Inputs {
+                front: Some(moved(50)),
+                rear: Some(moved(120)),
+                beam: Some(straight()),
+            },
+        );
+        most_uneven = most_uneven.max(state.unevenness());
+        most_nis = most_nis.max(output.beam.nis);
+    }
+    (state, most_uneven, most_nis)
+}
+
+#[test]
+fn climbing_raises_the_unevenness_which_fades_again() {
+    let (_, uneven_on_floor, nis) = over_ridges(0, 60.0);
+    assert!(
+        uneven_on_floor == 0.0 && nis < 0.25,
+        "{uneven_on_floor} {nis}"
+    );
+    let (seen, uneven, nis) = over_ridges(6, 60.0);
+    let (blind, none, nis_blind) = over_ridges(6, 0.0);
+    assert!(
+        uneven > 0.1 && seen.unevenness() == 0.0 && none == 0.0,
+        "{uneven}"
+    );
+    assert!(nis < nis_blind, "{nis} {nis_blind}");
+    // The climbs of front and rear are equal, so no wheel size is wrong relative to the other.
+    let learnt = |state: &State| {
+        let constants = state.joint().unwrap().constants();
+        (constants[constants::SCALE] - constants[constants::SCALE + 1]).abs()
+    };
+    println!(
+        "{} {} {uneven} {nis} {nis_blind}",
+        learnt(&seen),
+        learnt(&blind)
+    );
+    // Where the ground was uneven, the claimed position is less certain.
+    let sigma = |state: &State| state.joint().unwrap().estimates().robot.covariance[0][0];
+    assert!(sigma(&seen) > sigma(&blind));
+}
+
+/// Change of the unevenness by its definition: rate · distance · (NIS − usual NIS), between 0 and the largest.
+#[test]
+fn unevenness_follows_the_nis_within_its_limits() {
+    let config = ground::Config {
+        most: 8.0,
+        ..ground::Config::default()
+    };
+    let ground = config.build().unwrap();
+    let after = |from, driven, nis| ground.after(from, driven, nis, 40.0);
+    assert!((after(1.0, 2e-3, 10.25) - 2.2).abs() < 1e-5);
+    assert!((after(1.0, 2e-3, 0.05) - 0.976).abs() < 1e-5);
+    assert_eq!(after(0.01, 1.0, 0.0), 0.0);
+    assert_eq!(after(1.0, 0.0, 30.0), 1.0, "at rest");
+    assert_eq!(after(1.0, 1e-3, 90.0), after(1.0, 1e-3, 40.0));
+    for nis in [f32::INFINITY, f32::NAN] {
+        assert_eq!(after(0.0, 1.0, nis), config.most);
+    }
+    let variances = ground.variances(2.0, 0.5, 0.25);
+    let expected = [3.6e-5, 6.4e-5, 0.75 * 9e-4 + 0.25 * 1.6e-5];
+    for (found, expected) in variances.into_iter().zip(expected) {
+        assert!((found / expected - 1.0).abs() < 1e-5, "{found}");
+    }
+}
+
 #[test]
 fn configuration_is_checked() {
     crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
@@ -876,6 +961,8 @@ fn configuration_is_checked() {
         ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
         ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
         ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
+        ("rate_per_m", |c| c.ground.rate_per_m = -1.0),
+        ("usual_nis", |c| c.ground.usual_nis = 0.0),
     ]);
 }
 

@@ -722,6 +722,31 @@ fn nan_reference_gives_zero_torque_and_nan_samples_keep_odometry_finite() {
     assert_eq!(node.state.gyro_samples, before + 1);
 }
 
+/// An axle stands on a pitch of 34 mrad from the start, or is tilted to it at once or slowly. Its wheels are still.
+#[test]
+fn pitched_axle_at_rest_does_not_move() {
+    let gravity = (9.81 * f64::sin(0.034)) as f32;
+    let tilts: [(fn(u64) -> f32, f32); 3] = [
+        (|_| 1.0, 5e-4),
+        (|tick| f32::from(u8::from(tick > 1000)), 5e-4),
+        (|tick| f64::sin(tick as f64 * 1e-3) as f32, 5e-4),
+    ];
+    for (share, most) in tilts {
+        let mut node = node(AxleId(0));
+        let mut far = 0.0f32;
+        for tick in 1..11_000 {
+            let samples = Samples {
+                gyro_rad_s: Some(0.0),
+                acceleration_m_s2: Some(gravity * share(tick)),
+                ..still()
+            };
+            step(&mut node, tick * TICK, &samples);
+            far = far.max(node.state.filter.posture().x.abs());
+        }
+        assert!(far < most, "{far} m");
+    }
+}
+
 #[test]
 fn accelerating_turn_is_estimated_without_the_delay_of_the_gyro() {
     const QUICKENS_RAD_S2: f64 = 1.0;

@@ -119,11 +119,11 @@ class MuJoCoRobot:
 
     @property
     def midpoint(self) -> np.ndarray:
-        """Posture of the midpoint on the map, shape (3,): m, m, rad."""
-        axles = self.axles
-        headings = np.unwrap(axles[:, 2])
-        mean = headings.mean()
-        return np.array([*axles[:, :2].mean(axis=0), mean - 2 * np.pi * np.round(mean / (2 * np.pi))])
+        """Posture of the midpoint on the map, shape (3,): m, m, rad; its heading is from the last axle to the first."""
+        places = self.axles[:, :2]
+        middles = 0.5 * (places[:-1] + places[1:])
+        dx, dy = places[0] - places[-1]
+        return np.array([*middles.mean(axis=0), np.arctan2(dy, dx)])
 
     @property
     def wheel_speeds(self) -> np.ndarray:
