@@ -210,8 +210,8 @@ pub struct State {
     heading: f32,
     /// Motion of O in the last tick by odometry alone, along the global axes.
     moved: Posture,
-    /// Unevenness of the ground, 0 on a floor.
-    unevenness: f32,
+    /// Unevenness of the ground.
+    unevenness: ground::Unevenness,
     beam: Beam,
 }
 
@@ -227,11 +227,6 @@ impl State {
     /// Heading of O before the last tick, and motion of O in that tick by odometry alone (m, m, rad; global axes).
     pub fn moved(&self) -> (f32, Posture) {
         (self.heading, self.moved)
-    }
-
-    /// Unevenness of the ground by the joint filter, 0 on a floor ([`ground`]).
-    pub fn unevenness(&self) -> f32 {
-        self.unevenness
     }
 
     /// State of the joint filter; `None` in the other modes.
@@ -278,7 +273,7 @@ impl RobotFusion {
             robot: robot.posture,
             heading: robot.posture.phi,
             moved: Posture::ORIGIN,
-            unevenness: 0.0,
+            unevenness: ground::Unevenness::default(),
             beam: Beam {
                 relative: *relative,
                 rejected_in_a_row: 0,
@@ -308,8 +303,9 @@ impl RobotFusion {
             Tracks::Separate { front, rear } => wrap_angle(front.posture.phi - rear.posture.phi),
             Tracks::Joint(joint) => joint.relative().posture.phi,
         });
-        let front = self.with_slip(front, heading, state.unevenness);
-        let rear = self.with_slip(rear, heading, state.unevenness);
+        let uneven = state.unevenness.value;
+        let front = self.with_slip(front, heading, uneven);
+        let rear = self.with_slip(rear, heading, uneven);
 
         let mut output = Output::default();
         let beam = inputs.beam.filter(|_| complete && self.uses_beam());
@@ -363,14 +359,14 @@ impl RobotFusion {
                 }
                 *moved = joint.moved(*robot, relative, heading);
                 if let Some(beam) = beam {
+                    let spent = self.ground.is_spent(unevenness);
                     output.beam = self
                         .joint
-                        .update(joint, &beam, |nis| self.accepts(beam_state, nis));
+                        .update(joint, &beam, |nis| !spent && self.accepts(beam_state, nis));
                     self.count(beam_state, output.beam.verdict, &beam);
                     let driven = 0.5 * (front.advance.abs() + rear.advance.abs());
-                    *unevenness = self
-                        .ground
-                        .after(*unevenness, driven, output.beam.nis, MOST_NIS);
+                    self.ground
+                        .step(unevenness, driven, output.beam.nis, MOST_NIS);
                 }
                 *until_condition = until_condition.saturating_sub(1);
                 let estimates = joint.estimates();

@@ -13,8 +13,12 @@
 //!
 //! A wrong wheel, gauge or gyro raises the NIS too, until the joint filter has learnt the constant error. This error
 //! lasts while the climbs go, so the filter learns it later and still names the sensor.
+//!
+//! A wheel in the air contradicts the beam all the way, even with this noise. So there is a budget of contradiction: a
+//! distance with a large NIS spends it, a distance without refills it. While it is spent the beam is refused.
 
 use crate::config::{ConfigError, declare};
+use crate::math::lesser;
 
 declare! {
     /// Noise of the increments on uneven ground.
@@ -25,8 +29,14 @@ declare! {
         // On floors the mean is 0.1 to 0.5 where wheels and tyres are unknown, and below 0.1 later.
         pub usual_nis: f32 = 0.25, "": Positive;
         /// Largest unevenness.
-        // Small enough that a lifted wheel is still refused: with 1 a robot drove on by a wheel in the air.
         pub most: f32 = 0.2, "": NonNegative;
+        /// NIS of the beam that spends the budget.
+        // Over ridges of 10 mm 2 % of the way has more; with a wheel in the air nearly all of it.
+        pub contrary_nis: f32 = 1.5, "": Positive;
+        /// Budget of contradiction.
+        pub budget_m: f32 = 0.08, "m": NonNegative;
+        /// Share of the way with such an NIS that leaves the budget as it is.
+        pub usual_share: f32 = 0.3, "": Range(0.0, 1.0);
         /// Noise along the heading at an unevenness of 1.
         pub along_m_per_sqrt_m: f32 = 6e-3, "m/√m": NonNegative;
         /// Noise across the heading at an unevenness of 1.
@@ -48,6 +58,9 @@ impl Config {
             rate_per_m: self.rate_per_m,
             usual_nis: self.usual_nis,
             most: self.most,
+            contrary_nis: self.contrary_nis,
+            budget_m: self.budget_m,
+            usual_share: self.usual_share,
             along: square(self.along_m_per_sqrt_m),
             across: square(self.across_m_per_sqrt_m),
             wheels: square(self.wheels_rad_per_sqrt_m),
@@ -62,23 +75,48 @@ pub(super) struct Ground {
     rate_per_m: f32,
     usual_nis: f32,
     most: f32,
+    contrary_nis: f32,
+    budget_m: f32,
+    usual_share: f32,
     along: f32,
     across: f32,
     wheels: f32,
     gyro: f32,
 }
 
+/// Unevenness, and the spent part of the budget.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Unevenness {
+    pub(super) value: f32,
+    pub(super) spent_m: f32,
+}
+
 impl Ground {
+    /// True if the beam contradicts the wheels longer than uneven ground does.
+    pub(super) fn is_spent(&self, state: &Unevenness) -> bool {
+        state.spent_m > self.budget_m
+    }
+
     /// Variances along and across the heading and in heading over a distance `driven`, m.
     pub(super) fn variances(&self, unevenness: f32, driven: f32, gyro_share: f32) -> [f32; 3] {
         let heading = (1.0 - gyro_share) * self.wheels + gyro_share * self.gyro;
         [self.along, self.across, heading].map(|variance| unevenness * driven * variance)
     }
 
-    /// The unevenness after a distance `driven`, m, at the end of which the beam had this NIS; `most_nis` bounds the
-    /// effect of a single measurement.
-    pub(super) fn after(&self, unevenness: f32, driven: f32, nis: f32, most_nis: f32) -> f32 {
-        let beyond = nis.min(most_nis) - self.usual_nis;
-        (unevenness + self.rate_per_m * driven * beyond).clamp(0.0, self.most)
+    /// Moves on by a distance `driven`, m, at the end of which the beam had this NIS; `most_nis` bounds the effect of a
+    /// single measurement.
+    pub(super) fn step(&self, state: &mut Unevenness, driven: f32, nis: f32, most_nis: f32) {
+        let beyond = lesser(nis, most_nis) - self.usual_nis;
+        let value = state.value + self.rate_per_m * driven * beyond;
+        state.value = between(value, self.most);
+        let contrary = if nis <= self.contrary_nis { 0.0 } else { 1.0 };
+        let spent = state.spent_m + driven * (contrary - self.usual_share);
+        state.spent_m = between(spent, 2.0 * self.budget_m);
     }
+}
+
+/// `x` limited to 0 and `most`; NaN becomes `most`.
+fn between(x: f32, most: f32) -> f32 {
+    let x = lesser(x, most);
+    if x > 0.0 { x } else { 0.0 }
 }

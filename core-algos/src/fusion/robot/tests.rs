@@ -895,7 +895,7 @@ fn over_ridges(ridges: u16, rate_per_m: f32) -> (State, f32, f32) {
                 beam: Some(straight()),
             },
         );
-        most_uneven = most_uneven.max(state.unevenness());
+        most_uneven = most_uneven.max(state.unevenness.value);
         most_nis = most_nis.max(output.beam.nis);
     }
     (state, most_uneven, most_nis)
@@ -911,20 +911,10 @@ fn climbing_raises_the_unevenness_which_fades_again() {
     let (seen, uneven, nis) = over_ridges(6, 60.0);
     let (blind, none, nis_blind) = over_ridges(6, 0.0);
     assert!(
-        uneven > 0.1 && seen.unevenness() == 0.0 && none == 0.0,
+        uneven > 0.1 && seen.unevenness.value == 0.0 && none == 0.0,
         "{uneven}"
     );
     assert!(nis < nis_blind, "{nis} {nis_blind}");
-    // The climbs of front and rear are equal, so no wheel size is wrong relative to the other.
-    let learnt = |state: &State| {
-        let constants = state.joint().unwrap().constants();
-        (constants[constants::SCALE] - constants[constants::SCALE + 1]).abs()
-    };
-    println!(
-        "{} {} {uneven} {nis} {nis_blind}",
-        learnt(&seen),
-        learnt(&blind)
-    );
     // Where the ground was uneven, the claimed position is less certain.
     let sigma = |state: &State| state.joint().unwrap().estimates().robot.covariance[0][0];
     assert!(sigma(&seen) > sigma(&blind));
@@ -938,7 +928,14 @@ fn unevenness_follows_the_nis_within_its_limits() {
         ..ground::Config::default()
     };
     let ground = config.build().unwrap();
-    let after = |from, driven, nis| ground.after(from, driven, nis, 40.0);
+    let after = |value, driven, nis| {
+        let mut state = ground::Unevenness {
+            value,
+            spent_m: 0.0,
+        };
+        ground.step(&mut state, driven, nis, 40.0);
+        state.value
+    };
     assert!((after(1.0, 2e-3, 10.25) - 2.2).abs() < 1e-5);
     assert!((after(1.0, 2e-3, 0.05) - 0.976).abs() < 1e-5);
     assert_eq!(after(0.01, 1.0, 0.0), 0.0);
@@ -952,6 +949,54 @@ fn unevenness_follows_the_nis_within_its_limits() {
     for (found, expected) in variances.into_iter().zip(expected) {
         assert!((found / expected - 1.0).abs() < 1e-5, "{found}");
     }
+}
+
+#[test]
+fn contradiction_all_the_way_spends_the_budget_and_agreement_refills_it() {
+    let config = ground::Config::default();
+    let ground = config.build().unwrap();
+    let mut state = ground::Unevenness::default();
+    let mut drive = |millimetres: u16, nis: f32| {
+        for _ in 0..millimetres {
+            ground.step(&mut state, 1e-3, nis, 40.0);
+        }
+        ground.is_spent(&state)
+    };
+    // Each millimetre spends 0.7 mm.
+    let budget = (1000.0 * config.budget_m / (1.0 - config.usual_share)) as u16;
+    assert!(!drive(budget - 3, 2.0));
+    assert!(drive(6, f32::NAN));
+    assert!(!drive(20, 1.0));
+    assert!(!drive(5000, 1.0));
+    // A quarter of the way, in pieces of 60 mm.
+    for _ in 0..50 {
+        assert!(!drive(60, 20.0));
+        assert!(!drive(180, 0.0));
+    }
+}
+
+#[test]
+fn beam_is_refused_while_the_budget_is_spent() {
+    let mut config = Config::default();
+    config.ground.contrary_nis = 1e-6;
+    config.ground.budget_m = 0.02;
+    let fusion = config.build().unwrap();
+    let mut state = start(&fusion, Posture::ORIGIN);
+    let mut offset = 1e-3;
+    let verdicts = [(); 40].map(|()| {
+        offset = -offset;
+        let inputs = Inputs {
+            front: Some(forward()),
+            rear: Some(forward()),
+            beam: Some(Estimate {
+                posture: Posture::new(straight().posture.x + offset, 0.0, 0.0),
+                ..straight()
+            }),
+        };
+        fusion.step(&mut state, &inputs).beam.verdict
+    });
+    assert_eq!(verdicts[0], Verdict::Used);
+    assert!(verdicts.contains(&Verdict::Gated));
 }
 
 #[test]
