@@ -87,7 +87,7 @@ def test_all_names_that_a_module_exports_exist(module):
 
 
 def test_every_algorithm_is_exported():
-    private = {"drawn_json", "drawn_plant_json", "keys_json", "run_columns", "run_rows"}
+    private = {"drawn_json", "drawn_plant_json", "keys_json", "path_columns", "run_columns", "run_rows"}
     exported = {*cfmmr.__all__, *cfmmr.algorithms.__all__}
     assert public(vars(_native)) - private <= exported
 
