@@ -2,9 +2,11 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,7 +15,7 @@ import pytest
 from cfmmr import InputError, Plant, Scenario, drawn_plant, run, run_path
 from cfmmr.algorithms import strip_equilibrium
 from cfmmr.mujoco import Ground, MuJoCoRobot, maker, media
-from cfmmr.mujoco.__main__ import main
+from cfmmr.mujoco.__main__ import main, parser
 from cfmmr.mujoco.grounds import FLAT
 from cfmmr.mujoco.robot import model_of
 from cfmmr.mujoco.trials import sine
@@ -263,6 +265,15 @@ def test_command_refuses_bad_input(capsys, arguments, text):
     assert main(arguments) == 2
     captured = capsys.readouterr()
     assert text in captured.err and captured.out == ""
+
+
+def test_commands_of_the_page_are_right():
+    page = (Path(__file__).resolve().parents[3] / "docs/mujoco.md").read_text()
+    commands = re.findall(r"^python -m cfmmr.mujoco (.*)$", page, re.MULTILINE)
+    assert len(commands) >= 2
+    for command in commands:
+        options = parser().parse_args(command.split())
+        assert [Ground.parse(text) for text in options.ground]
 
 
 def test_missing_mujoco_is_named():

@@ -77,6 +77,11 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("rustup target add ", Check::File("ci.sh"), "ci.sh does it"),
     ("tools/cluster/", Check::Script, "needs Slurm"),
     ("python3 tools/cluster/", Check::Nothing, "needs Ray"),
+    (
+        "python -m cfmmr.mujoco ",
+        Check::File("bindings/python/tests/test_mujoco.py"),
+        "it parses them",
+    ),
     ("pip install ", Check::Nothing, "a tool from elsewhere"),
     ("squeue ", Check::Nothing, "needs Slurm"),
     ("scancel ", Check::Nothing, "needs Slurm"),

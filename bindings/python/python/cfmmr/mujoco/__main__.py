@@ -22,7 +22,7 @@ SUCCESSES = ("reached", "uncertain")
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; gives its exit code."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     try:
         return _run(options)
     except InputError as error:
@@ -40,38 +40,38 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    command = argparse.ArgumentParser(
         prog="python -m cfmmr.mujoco",
         description="Drive the robot in MuJoCo, beside the plant of this project: the same boards, errors and seeds.",
     )
-    parser.add_argument("task", choices=["posture", "follow"], help="drive to the origin, or along a path")
-    parser.add_argument("--world", metavar="NAME|FILE", default="careful", help="world of the robot [careful]")
-    parser.add_argument(
+    command.add_argument("task", choices=["posture", "follow"], help="drive to the origin, or along a path")
+    command.add_argument("--world", metavar="NAME|FILE", default="careful", help="world of the robot [careful]")
+    command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scenario; may be repeated"
     )
-    parser.add_argument("--trials", metavar="N", type=int, default=10, help="trials a row [10]")
-    parser.add_argument("--seed", metavar="S", type=int, default=1, help="seed of all random draws [1]")
-    parser.add_argument(
+    command.add_argument("--trials", metavar="N", type=int, default=10, help="trials a row [10]")
+    command.add_argument("--seed", metavar="S", type=int, default=1, help="seed of all random draws [1]")
+    command.add_argument(
         "--ground", metavar="GROUND", action="append", help=f"ground: {KINDS}; may be repeated [flat]"
     )
-    parser.add_argument(
+    command.add_argument(
         "--rows", metavar="ROWS", help="rows of `cfmmr posture`: main, pair, joint or all [gauges and the joint filter]"
     )
-    parser.add_argument("--imu", action="store_true", help="with gyroscopes and accelerometers")
-    parser.add_argument(
+    command.add_argument("--imu", action="store_true", help="with gyroscopes and accelerometers")
+    command.add_argument(
         "--path", metavar="PATH", default="sine",
         help="path to follow: sine (6 m long), line, circle, figure-eight or a CSV file of waypoints [sine]",
     )
-    parser.add_argument(
+    command.add_argument(
         "--impratio", metavar="RATIO", type=float, default=10.0,
         help="stiffness of friction over that of the normal force in MuJoCo's contacts [10]",
     )
-    parser.add_argument("--threads", metavar="N", type=int, default=os.cpu_count() or 1, help="processes [one a core]")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write trials.csv and pictures to this folder")
-    parser.add_argument("--gif", action="store_true", help="write a film of the first trial on each ground to --out")
-    parser.add_argument("--json", metavar="FILE", help="write the trials as JSON to FILE; with - to standard output")
-    return parser
+    command.add_argument("--threads", metavar="N", type=int, default=os.cpu_count() or 1, help="processes [one a core]")
+    command.add_argument("--out", metavar="DIR", type=Path, help="write trials.csv and pictures to this folder")
+    command.add_argument("--gif", action="store_true", help="write a film of the first trial on each ground to --out")
+    command.add_argument("--json", metavar="FILE", help="write the trials as JSON to FILE; with - to standard output")
+    return command
 
 
 def _run(options: argparse.Namespace) -> int:
