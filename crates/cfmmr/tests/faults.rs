@@ -137,6 +137,10 @@ const ELSEWHERE: &[(Condition, &str)] = &[
         "core-algos: node/lead/tests/drives.rs",
     ),
     (Condition::PathLost, "core-algos: node/lead/tests/drives.rs"),
+    (
+        Condition::TrackingLost,
+        "core-algos: node/axle/watch/tests.rs",
+    ),
     (Condition::ReachedUncertain, "no fault: a goal that is far"),
     (
         Condition::ConversionsLost,
