@@ -5,6 +5,8 @@ use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayDyn, PyArrayMethods,
     PyUntypedArrayMethods, npyffi,
 };
+use output::files::Cell;
+use pyo3::IntoPyObjectExt;
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
 use std::ops::RangeInclusive;
@@ -361,4 +363,15 @@ where
     let values = rows.as_flattened().iter().map(|&value| value.into());
     let flat = row(py, values.collect::<Vec<f64>>());
     flat.reshape([rows.len(), N])
+}
+
+/// Value of a cell; an empty cell is NaN.
+pub fn cell(py: Python<'_>, cell: Cell) -> PyResult<Bound<'_, PyAny>> {
+    match cell {
+        Cell::Double(value) => value.into_bound_py_any(py),
+        Cell::Single(value) => value.into_bound_py_any(py),
+        Cell::Integer(value) => value.into_bound_py_any(py),
+        Cell::Text(value) => value.into_bound_py_any(py),
+        Cell::Empty => f64::NAN.into_bound_py_any(py),
+    }
 }

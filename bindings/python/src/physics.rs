@@ -16,6 +16,7 @@ use host_sim::run::simulation::{Physics, Simulation};
 use host_sim::targets;
 use host_sim::world::sensors::Truth;
 use numpy::{PyArray1, PyArray2};
+use plant::Wrench;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
@@ -78,55 +79,49 @@ struct InPython {
 }
 
 impl InPython {
-    /// Rows of numbers of an attribute; `None` without the attribute, or after an exception.
-    fn rows<const N: usize>(
+    /// Puts the rows of a property, an array of shape (items, N), into the items. Without the property, or after an
+    /// exception, the items stay.
+    fn put<T, const N: usize>(
         &self,
         name: &Bound<'_, PyString>,
-        rows: usize,
-    ) -> Option<Vec<[f64; N]>> {
-        let object = self.object.as_ref()?;
-        let numbers = self.failure.of(|py| {
+        items: &mut [T],
+        put: impl Fn(&mut T, [f64; N]),
+    ) {
+        let Some(object) = &self.object else {
+            return;
+        };
+        let rows = self.failure.of(|py| {
             let object = object.bind(py);
             if !object.hasattr(name)? {
-                return Ok(None);
+                return Ok(Vec::new());
             }
-            let shape = [Some(rows), Some(N)];
-            let value = object.getattr(name)?;
-            arrays::any_numbers(name.to_str()?, &value, &shape).map(Some)
+            let shape = [Some(items.len()), Some(N)];
+            arrays::any_numbers(name.to_str()?, &object.getattr(name)?, &shape)
         });
-        numbers.flatten().map(|it| it.as_chunks().0.to_vec())
+        for (item, row) in items
+            .iter_mut()
+            .zip(rows.iter().flat_map(|it| it.as_chunks().0))
+        {
+            put(item, *row);
+        }
     }
 
-    /// Fills a record with what the simulator tells.
+    /// Fills a record from the properties of the simulator.
     fn fill(&self, py: Python<'_>, record: &mut Record) {
-        let (axles, frames) = (record.axles.len(), record.frames.len());
-        if let Some(postures) = self.rows::<3>(intern!(py, "axles"), axles) {
-            for (axle, posture) in record.axles.iter_mut().zip(postures) {
-                axle.posture = posture;
-            }
-        }
-        if let Some(speeds) = self.rows::<2>(intern!(py, "wheel_speeds"), axles) {
-            for (axle, speeds) in record.axles.iter_mut().zip(speeds) {
-                axle.wheel_speed = speeds;
-            }
-        }
-        if let Some(torques) = self.rows::<2>(intern!(py, "torques"), axles) {
-            for (axle, torques) in record.axles.iter_mut().zip(torques) {
-                axle.torque = torques;
-            }
-        }
-        if let Some(relative) = self.rows::<3>(intern!(py, "relative"), frames) {
-            for (frame, relative) in record.frames.iter_mut().zip(relative) {
-                frame.relative = relative;
-            }
-        }
-        if let Some(wrenches) = self.rows::<4>(intern!(py, "wrenches"), frames) {
-            for (frame, [x, y, root, end]) in record.frames.iter_mut().zip(wrenches) {
-                frame.wrench.force = [x, y];
-                frame.wrench.root_moment = root;
-                frame.wrench.end_moment = end;
-            }
-        }
+        let (axles, frames) = (&mut record.axles, &mut record.frames);
+        self.put(intern!(py, "axles"), axles, |it, row| it.posture = row);
+        let speeds = intern!(py, "wheel_speeds");
+        self.put(speeds, axles, |it, row| it.wheel_speed = row);
+        self.put(intern!(py, "torques"), axles, |it, row| it.torque = row);
+        self.put(intern!(py, "relative"), frames, |it, row| it.relative = row);
+        let wrenches = intern!(py, "wrenches");
+        self.put(wrenches, frames, |it, [x, y, root, end]| {
+            it.wrench = Wrench {
+                force: [x, y],
+                root_moment: root,
+                end_moment: end,
+            };
+        });
     }
 }
 

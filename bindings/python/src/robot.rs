@@ -252,7 +252,7 @@ macro_rules! tasks {
                 let entry = LeadEntry::new((now / 1000) as u32, now as f64 * 1e-6, lead);
                 let dict = PyDict::new(py);
                 for (name, cell) in LeadEntry::SCHEMA.columns().into_iter().zip(entry.cells()) {
-                    dict.set_item(name, crate::trial::python_cell(py, cell)?)?;
+                    dict.set_item(name, arrays::cell(py, cell)?)?;
                 }
                 Ok(dict)
             }

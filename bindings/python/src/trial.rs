@@ -137,17 +137,6 @@ impl Column {
     }
 }
 
-/// Value of a cell; an empty cell is NaN.
-pub fn python_cell(py: Python<'_>, cell: Cell) -> PyResult<Bound<'_, PyAny>> {
-    match cell {
-        Cell::Double(value) => value.into_bound_py_any(py),
-        Cell::Single(value) => value.into_bound_py_any(py),
-        Cell::Integer(value) => value.into_bound_py_any(py),
-        Cell::Text(value) => value.into_bound_py_any(py),
-        Cell::Empty => f64::NAN.into_bound_py_any(py),
-    }
-}
-
 /// Parts of the user for the trials of a run: functions or classes that make a controller, an estimator and a simulator.
 #[derive(FromPyObject)]
 struct Parts {
@@ -190,7 +179,7 @@ fn run_columns<'py>(
     let (log, outcome) = logged(py, scenario, trial, &parts, Regulation)?;
     let end = PyDict::new(py);
     for (name, cell) in row(scenario, trial.1, &outcome) {
-        end.set_item(name, python_cell(py, cell)?)?;
+        end.set_item(name, arrays::cell(py, cell)?)?;
     }
     end.set_item("trial", trial.1)?;
     Ok((log.into_dict(py)?, end))
@@ -221,7 +210,7 @@ fn path_columns<'py>(
     let (log, outcome) = logged(py, &scenario, trial, &parts, drive)?;
     let end = PyDict::new(py);
     for (name, cell) in csv::of_path(&outcome).into_cells() {
-        end.set_item(name, python_cell(py, cell)?)?;
+        end.set_item(name, arrays::cell(py, cell)?)?;
     }
     Ok((log.into_dict(py)?, end))
 }
