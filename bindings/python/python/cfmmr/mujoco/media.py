@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FRAMES_PER_S = 5
 _SIZE = (420, 260)
-_COLOURS = 24
+_COLOURS = 64
 """Width and height of a film, pixels."""
 
 
