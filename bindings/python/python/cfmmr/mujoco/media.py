@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FRAMES_PER_S = 5
 _SIZE = (420, 260)
-_COLOURS = 64
+_COLOURS = 48
 """Width and height of a film, pixels."""
 
 
@@ -110,7 +110,7 @@ class Camera:
         pixels, place = np.empty((*_SIZE[::-1], 3), np.uint8), mujoco.MjrRect(0, 0, *_SIZE)
         mujoco.mjr_render(place, self._scene, self._renderer)
         mujoco.mjr_readPixels(pixels, None, place, self._renderer)
-        return Image.fromarray(pixels[::-1]).quantize(_COLOURS, dither=Image.Dither.NONE)
+        return Image.fromarray(pixels[::-1]).quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
 def _film(row: Row, seed: int) -> list[Image.Image]:
