@@ -107,7 +107,15 @@ pub fn route(
     let laps = arrays::whole_in("laps", laps, 1..=MAX_LAPS)?;
     let input = |error: PathError| of(&Error::input(error.to_string()));
     let path = match path.extract::<String>() {
-        Ok(name) => paths::named(&name, ("size", None)).map_err(|error| of(&error))?,
+        Ok(name) => paths::named(&name, ("size", None)).map_err(|error| {
+            let allowed = match std::path::Path::new(&name).is_file() {
+                true => format!("a CSV file of waypoints ({error})"),
+                false => {
+                    "line, circle, figure-eight, a CSV file, or waypoints of shape (n, 2)".into()
+                }
+            };
+            refused("points", &name, allowed)
+        })?,
         Err(_) => {
             let points = arrays::numbers("points", path, &[None, Some(2)])?;
             let points = points.as_chunks::<2>().0.iter();
