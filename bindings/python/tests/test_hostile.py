@@ -191,7 +191,9 @@ def test_wrong_type_is_refused(case):
         with pytest.raises(InputError) as refused:
             call(value)
         assert refused.value.field == name and refused.value.value
-        assert refused.value.allowed == "an array of real numbers"
+        # A path may be a name.
+        named = case == "Robot.follow" and isinstance(value, str)
+        assert refused.value.allowed.startswith("line, circle" if named else "an array of real numbers")
 
 
 @each
