@@ -30,6 +30,7 @@
 //! | [`advance`]`(ticks)` | gives the ticks of 1 ms that were done |
 //! | [`state`]`()` | numbers of the latest state |
 //! | [`regulate`]`(x, y, phi)`, [`follow`]`(points)`, [`speed`]`(v, curvature)`, [`halt`]`()`, [`clear`]`()` | tasks |
+//! | [`planned`]`()` | points of the planned path |
 //! | [`fault`]`(number)`, [`friction`]`(mu)`, [`gauge_drift`]`(strain)` | faults and changes without interruption |
 
 mod describe;
@@ -269,15 +270,23 @@ pub extern "C" fn regulate(x: f64, y: f64, phi: f64) -> usize {
     on_robot(|robot| robot.regulate([x, y, phi]))
 }
 
-/// Follows the path through `points` points in the buffer of numbers, x and y of each (m). The points of the planned
-/// path replace them; gives their number.
+/// Follows the path through `points` points in the buffer of numbers, x and y of each (m), once the robot rests.
 #[unsafe(no_mangle)]
 pub extern "C" fn follow(points: usize) -> usize {
     counted(|host| {
         let (drawn, _) = host.numbers.as_chunks::<2>();
         let drawn = drawn.get(..points).unwrap_or(drawn).to_vec();
-        let planned = host.robot()?.follow(&drawn)?;
-        host.numbers = planned.into_iter().flatten().collect();
+        host.robot()?.follow(&drawn).map(|()| 1)
+    })
+}
+
+/// Puts the planned path into the buffer of numbers, x and y of each point (m); gives the number of points. 0 with a
+/// message if the robot could not begin its path. The path changes with the number `plans` of the state.
+#[unsafe(no_mangle)]
+pub extern "C" fn planned() -> usize {
+    counted(|host| {
+        let planned = host.robot()?.planned()?.as_flattened().to_vec();
+        host.numbers = planned;
         Ok(host.numbers.len() / 2)
     })
 }
