@@ -19,6 +19,7 @@
 //! | [`drive`]`(bytes, seed)` | epochs of a script; the buffer holds a scenario of that many bytes, then the script |
 //! | [`hashes`]`()` | pointer to a 64-bit hash for each epoch of the latest run |
 //! | [`outcome`]`(seed, trial)` | numbers of the end of a posture regulation |
+//! | [`drive_plant`]`(ticks)` | the plant alone, without sensors and boards, for comparisons of speed |
 //!
 //! A robot in progress. A call that refuses gives 0:
 //!
@@ -45,7 +46,7 @@ use host_sim::run::end::EndKind;
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Record;
 use host_sim::run::script;
-use host_sim::run::simulation::Simulation;
+use host_sim::run::simulation::{DrawnPlant, Simulation};
 use host_sim::scenario::Scenario;
 use live::Live;
 use std::cell::RefCell;
@@ -211,6 +212,21 @@ pub extern "C" fn outcome(seed: u64, trial: u64) -> usize {
         host.numbers
             .push(statistics::nees(&estimate, outcome.midpoint));
         Ok(host.numbers.len())
+    })
+}
+
+/// Drives the plant of the scenario in the text buffer by changing torques for a number of ticks; gives that number.
+#[unsafe(no_mangle)]
+pub extern "C" fn drive_plant(ticks: usize) -> usize {
+    counted(|host| {
+        let scenario = host.scenario()?;
+        let drawn = scenario.world.draw(scenario.robot.topology(), 1, 0);
+        let mut plant = DrawnPlant::new(&scenario, &drawn)?.plant;
+        for tick in 0..ticks {
+            let torque = 0.5 * libm::sin(1e-3 * tick as f64);
+            plant.step(&[[torque, 0.8 * torque], [torque, torque]]);
+        }
+        Ok(ticks)
     })
 }
 
