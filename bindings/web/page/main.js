@@ -1,0 +1,405 @@
+// The page: puts its parts together, and carries out what the visitor asks.
+
+const PACES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
+// Length of a drift of the gauges.
+const DRIFT = 20e-6;
+// Frames of which the busy time is kept.
+const BUSY_FRAMES = 300;
+
+const page = {
+  ready: false, running: true, generation: 0, robot: null, contract: null, layout: null, history: null, stage: null, plots: null,
+  words: null, hands: null, trials: null, driveTo: null, drawUntil: 0, drift: 0, faults: new Set(), busy: [], inbox: 0,
+  pace: 1, rate: 0, mark: null,
+};
+
+const dirty = () => { page.drawUntil = performance.now() + 700; };
+const state = (name) => page.layout.of(page.history.latest, name);
+
+// Carries out a call; a refusal is shown with its reason.
+async function ask(action, details) {
+  const answer = await page.robot.call(action, details);
+  if (!answer.ok) note(answer.message || "Refused.", true);
+  dirty();
+  return answer;
+}
+
+// ---- Robot ----
+
+async function create() {
+  page.generation += 1;
+  page.history.clear();
+  page.stage.clear();
+  page.stage.planned = []; page.stage.refusal = null;
+  page.drift = 0; page.faults.clear();
+  page.driveTo = null;
+  page.stage.goal = settings.goal || page.contract.goal;
+  showSettings();
+  writeAddress();
+  return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), generation: page.generation });
+}
+
+async function goTo(at) {
+  page.stage.goal = at; page.stage.planned = []; page.stage.refusal = null;
+  page.driveTo = at;
+  settings.goal = at;
+  writeAddress();
+  const answer = await ask("regulate", { at });
+  if (answer.ok) note(`Goal: ${posture(at)}.`);
+  run(true);
+  return answer;
+}
+
+async function begin() {
+  if ((await create()).ok) await ask("regulate", { at: page.driveTo = page.stage.goal });
+}
+
+async function placeAt(at) {
+  page.driveTo = null;
+  settings.start = at;
+  writeAddress();
+  page.stage.lift();
+  page.stage.planned = []; page.faults.clear();
+  if ((await ask("place", { at })).ok) note(`Robot placed: ${posture(at)}. Set a goal.`);
+  showFaults();
+}
+
+async function followPath(stroke) {
+  setDrawing(false);
+  if (stroke.length < 2) { page.stage.stroke = []; return; }
+  const answer = await page.robot.call("follow", { points: Float64Array.from(stroke.flat()) });
+  page.stage.stroke = answer.ok ? [] : stroke;
+  if (answer.ok) {
+    page.driveTo = null; page.stage.goal = null; page.stage.planned = pairs(answer.path);
+    note("The robot follows the path.");
+    run(true);
+  } else {
+    note("Path refused: " + answer.message, true);
+    page.stage.refusal = { at: placeIn(answer) || stroke[0], text: answer.message };
+  }
+  dirty();
+}
+
+const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
+
+// Place of a refusal: the one of the answer, or the one that its text names.
+function placeIn(answer) {
+  if (answer.place && answer.place.every(Number.isFinite)) return answer.place;
+  const found = /\(\s*(-?[0-9.]+)[^,0-9-]*,\s*(-?[0-9.]+)/.exec(answer.message);
+  return found && [Number(found[1]), Number(found[2])];
+}
+
+function drive(speed, curvature) {
+  if (speed === null) return ask("halt");
+  page.driveTo = null; page.stage.planned = [];
+  run(true);
+  return ask("hold", { speed, curvature });
+}
+
+// A setting of the robot as it stands. The robot then continues to its goal.
+async function change(name, value) {
+  const before = settings[name];
+  settings[name] = value;
+  const answer = await ask("change", { scenario: scenario() });
+  if (!answer.ok) settings[name] = before;
+  page.faults.clear();
+  showSettings();
+  writeAddress();
+  if (answer.ok && page.driveTo) await ask("regulate", { at: page.driveTo });
+}
+
+async function inject(number) {
+  const fault = page.contract.faults[number];
+  if (!(await ask("fault", { number })).ok) return;
+  page.faults.add(number);
+  find("fault-text").textContent = `${fault.name}: ${fault.text}`;
+  showFaults();
+}
+
+async function setFriction(value) {
+  if (!(await ask("friction", { value })).ok) return;
+  settings.friction = value;
+  showSettings();
+  writeAddress();
+}
+
+async function addDrift() {
+  if (!(await ask("drift", { strain: DRIFT })).ok) return;
+  page.drift += DRIFT;
+  showSettings();
+}
+
+// ---- Orders of the tour ----
+
+// The paper's drive with these settings and no others.
+async function experiment(changes) {
+  const { seed } = settings;
+  Object.keys(settings).forEach((name) => delete settings[name]);
+  Object.assign(settings, { seed }, changes);
+  run(true);
+  await begin();
+}
+
+const orders = {
+  experiment,
+  curve: () => { page.driveTo = null; run(true); return ask("hold", { speed: 0.75 * page.contract.limits.speed, curvature: 0.7 * page.contract.limits.curvature, seconds: 8 }); },
+  async breakGauge() {
+    await experiment({});
+    const dead = page.contract.faults.findIndex((fault) => /gauge.*(dead|broken)|(dead|broken).*gauge/i.test(fault.name));
+    await inject(dead >= 0 ? dead : page.contract.faults.findIndex((fault) => /gauge/i.test(fault.name)));
+  },
+  async paper() {
+    const seed = { seed: settings.seed };
+    page.trials.clear();
+    await page.trials.run(TRIALS, "without gauges", { ...seed, gauges: false });
+    await page.trials.run(TRIALS, "with gauges", seed);
+  },
+};
+
+// ---- What is shown ----
+
+function run(on) {
+  if (page.running !== on) { page.running = on; page.robot.call("run", { on }); page.mark = null; }
+  find("play").textContent = on ? "Pause" : "Play";
+  dirty();
+}
+
+function setPace(value) {
+  page.pace = value; page.mark = null;
+  find("pace").value = String(value);
+  page.robot.call("pace", { value });
+}
+
+const say = (kind, at) => note(`${kind === "goal" ? "Goal" : "Robot"} to ${posture(at)}: Enter carries it out.`);
+
+function setDrawing(on) {
+  page.hands.drawing = on;
+  find("draw").setAttribute("aria-pressed", String(on));
+  if (on) note("Draw from the robot on.");
+}
+
+function options(id, list) {
+  find(id).replaceChildren();
+  for (const { name, text } of list) {
+    const option = element("option", name, find(id));
+    option.value = name; option.title = text || "";
+  }
+}
+
+function showSettings() {
+  const { contract } = page, world = settings.world || contract.world, fusion = settings.fusion || contract.fusion;
+  find("gauges").checked = settings.gauges !== false;
+  find("imu").checked = settings.imu === true;
+  find("world").value = world;
+  find("fusion").value = fusion;
+  find("friction").value = String(settings.friction === undefined ? contract.friction : settings.friction);
+  find("friction-text").textContent = settings.friction === undefined ? "of the world" : label(settings.friction, 0.01);
+  find("drift-text").textContent = page.drift ? `drifted by ${label(1e6 * page.drift, 1)} µm/m` : "";
+  find("seed").value = settings.seed;
+  const text = (list, name) => { const one = list.find((entry) => entry.name === name); return one && one.text ? `${name}: ${one.text} ` : ""; };
+  find("settings-text").textContent = text(contract.worlds, world) + text(contract.fusions, fusion);
+  showFaults();
+}
+
+function showFaults() {
+  [...find("faults").children].forEach((button, n) => button.setAttribute("aria-pressed", String(page.faults.has(n))));
+}
+
+function showKey() {
+  find("key").replaceChildren();
+  const key = { "--truth": "true path", "--estimate": "estimate, 95 % ellipse", "--reference": "planned path", "--goal": "goal, tolerance", "--frame": "strip", "--outside": "strains" };
+  Object.entries(key).forEach(([look, name]) => swatch(find("key"), look, name));
+}
+
+function showHandle(button, name, at) {
+  const { view } = page.stage;
+  button.hidden = !at || !Number.isFinite(at[0]);
+  if (button.hidden) return;
+  button.style.transform = `translate(${view.X(at[0]).toFixed(1)}px, ${view.Y(at[1]).toFixed(1)}px)`;
+  const text = `${name}: ${posture(at)}`;
+  // Screen readers need no update a frame.
+  if (page.turn % 30 === 0 && button.getAttribute("aria-label") !== text) button.setAttribute("aria-label", text);
+}
+
+// Pace that this computer reaches, over the last second.
+function measurePace(time) {
+  const now = performance.now();
+  if (!page.mark || time < page.mark.time) page.mark = { now, time };
+  if (now - page.mark.now < 1000) return;
+  page.rate = (time - page.mark.time) / (now - page.mark.now) * 1000;
+  page.mark = { now, time };
+}
+
+function showClock() {
+  const time = state("time_s")[0];
+  if (page.running) measurePace(time);
+  const slow = page.running && page.rate > 0 && page.rate < 0.8 * page.pace ? ` (reaches ×${label(page.rate, 0.1)})` : "";
+  const text = `${time.toFixed(2)} s${slow}`;
+  if (find("clock").textContent !== text) find("clock").textContent = text;
+}
+
+page.turn = 0;
+
+function frame() {
+  requestAnimationFrame(frame);
+  const begin = performance.now();
+  if (!page.history.latest || begin > page.drawUntil) return;
+  page.turn += 1;
+  page.stage.draw(page.history.latest, Boolean(page.hands.held));
+  const ghost = page.stage.ghost, at = (kind, real) => (ghost && ghost.kind === kind ? ghost.at : real);
+  showHandle(find("goal-handle"), "Goal", at("goal", page.stage.goal));
+  showHandle(find("robot-handle"), "Robot", at("robot", state("truth")));
+  page.plots.draw();
+  if (page.turn % 2) drawStrip(find("strip"), page.contract, state("strain"), settings.gauges !== false);
+  if (page.turn % 6 === 0) page.words.show(page.history.latest);
+  showClock();
+  page.busy.push(performance.now() - begin + page.inbox);
+  page.inbox = 0;
+  if (page.busy.length > BUSY_FRAMES) page.busy.shift();
+}
+
+// ---- Messages of the Worker ----
+
+function takeRows({ all, count, generation }) {
+  if (generation !== page.generation) return;
+  const begin = performance.now();
+  page.history.add(all, count);
+  const { width } = page.layout;
+  for (let i = 0; i < count; i++) page.stage.add(all.subarray(i * width, (i + 1) * width));
+  dirty();
+  page.inbox += performance.now() - begin;
+}
+
+function halted({ message }) {
+  run(false);
+  note("The robot cannot go on: " + message, true);
+}
+
+function restarted({ message }) {
+  errors.push("program: " + message);
+  page.history.clear();
+  page.stage.clear();
+  page.faults.clear(); page.driveTo = null;
+  showSettings();
+  note(`The program ended with an error (${message}). A new robot stands at the start.`, true);
+}
+
+// ---- Controls ----
+
+const onClick = (id, act) => find(id).addEventListener("click", act);
+
+function connect() {
+  onClick("play", () => run(!page.running));
+  onClick("epoch", () => { run(false); page.robot.call("step"); });
+  onClick("draw", () => setDrawing(!page.hands.drawing));
+  onClick("halt", () => { page.driveTo = null; ask("halt"); });
+  onClick("nearer", () => zoomBy(1.4));
+  onClick("farther", () => zoomBy(1 / 1.4));
+  onClick("drift", addDrift);
+  onClick("again", begin);
+  onClick("another", () => { settings.seed = String(BigInt(settings.seed) + 1n); begin(); });
+  onClick("defaults", () => { page.trials.clear(); experiment({}); });
+  onClick("clear", async () => { if ((await ask("clear")).ok) note("Codes cleared. Set a goal."); });
+  onClick("repair", async () => { page.faults.clear(); page.driveTo = null; await ask("change", { scenario: scenario() }); showFaults(); });
+  onClick("trials-run", () => page.trials.run(TRIALS, settingsName(), { ...settings, goal: page.stage.goal || settings.goal }));
+  onClick("trials-clear", () => page.trials.clear());
+  onClick("save-log", () => saveLog(page.history));
+  onClick("save-picture", () => savePicture(find("scene")));
+  find("view").addEventListener("change", () => { page.stage.follow = find("view").value; dirty(); });
+  find("pace").addEventListener("change", () => setPace(Number(find("pace").value)));
+  find("window").addEventListener("change", () => page.plots.drawAll());
+  find("gauges").addEventListener("change", () => change("gauges", find("gauges").checked));
+  find("imu").addEventListener("change", () => change("imu", find("imu").checked));
+  find("world").addEventListener("change", () => change("world", find("world").value));
+  find("fusion").addEventListener("change", () => change("fusion", find("fusion").value));
+  find("friction").addEventListener("input", () => setFriction(Number(find("friction").value)));
+  find("seed").addEventListener("change", () => {
+    if (/^[0-9]{1,18}$/.test(find("seed").value)) { settings.seed = find("seed").value; begin(); }
+    else { note("A seed is a whole number of at most 18 digits.", true); find("seed").value = settings.seed; }
+  });
+  document.addEventListener("keydown", key);
+  window.addEventListener("resize", () => { dirty(); page.plots.drawAll(); });
+  window.addEventListener("hashchange", () => { readAddress(page.contract); begin(); });
+  // A hidden page needs no simulation.
+  document.addEventListener("visibilitychange", () => { if (page.running) page.robot.call("run", { on: !document.hidden }); });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty(); page.plots.drawAll(); });
+}
+
+function zoomBy(by) {
+  page.stage.zoom(by, Array.from(state("truth")));
+  find("view").value = "free";
+  dirty();
+}
+
+// Keys of the whole page, if no control has the focus.
+function key(event) {
+  if (event.target !== document.body && event.target.id !== "scene" || event.ctrlKey || event.metaKey || event.altKey) return;
+  const keys = {
+    " ": () => run(!page.running), ".": () => find("epoch").click(), "+": () => nextPace(1), "-": () => nextPace(-1),
+  };
+  if (!keys[event.key]) return;
+  event.preventDefault();
+  keys[event.key]();
+}
+
+function nextPace(by) {
+  setPace(PACES[Math.max(0, Math.min(PACES.length - 1, PACES.indexOf(page.pace) + by))]);
+}
+
+function settingsName() {
+  const parts = [settings.world || page.contract.world, settings.gauges === false ? "without gauges" : "with gauges"];
+  if (settings.imu) parts.push("IMU");
+  if (settings.fusion) parts.push(settings.fusion);
+  if (settings.friction !== undefined) parts.push("friction " + label(settings.friction, 0.01));
+  return parts.filter(Boolean).join(", ");
+}
+
+// ---- Start ----
+
+async function start() {
+  const module = await unpack();
+  page.robot = new Simulation({ rows: takeRows, halted, restarted });
+  const { contract } = await page.robot.call("load", { module });
+  page.contract = contract;
+  readAddress(contract);
+  page.layout = new Layout(contract.state);
+  page.history = new History(page.layout);
+  page.stage = new Stage(find("scene"), contract, page.layout);
+  page.words = new Words(contract, page.layout);
+  page.plots = new Plots(find("plots"), contract, page.history);
+  page.trials = new Trials(module, contract, page.stage, dirty);
+  page.hands = new Hands(page.stage, { goal: goTo, place: placeAt, path: followPath, say, dirty }, () => state("truth"));
+  new Drive(contract.limits, drive);
+  new Tour(orders);
+  options("world", contract.worlds);
+  options("fusion", contract.fusions);
+  options("pace", PACES.map((value) => ({ name: String(value) })));
+  [...find("pace").options].forEach((option) => { option.textContent = "×" + option.value; option.selected = option.value === "1"; });
+  contract.faults.forEach((fault, n) => {
+    const button = element("button", fault.name, find("faults"));
+    button.type = "button"; button.title = fault.text;
+    button.addEventListener("click", () => inject(n));
+  });
+  find("version").textContent = contract.version;
+  showKey();
+  connect();
+  await begin();
+  page.running = false;
+  run(!calm.matches);
+  find("loading").hidden = true;
+  page.ready = true;
+  requestAnimationFrame(frame);
+}
+
+// For tests.
+window.cfmmr = {
+  ready: () => page.ready && Boolean(page.history.latest),
+  time: () => state("time_s")[0],
+  state: (name) => Array.from(state(name)),
+  goal: () => page.stage.goal,
+  speed: () => page.pace,
+  rate: () => page.rate,
+  busy: () => [...page.busy].sort((a, b) => a - b)[page.busy.length >> 1] || 0,
+  errors: () => errors,
+};
+
+start();
