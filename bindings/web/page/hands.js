@@ -152,7 +152,7 @@ class Hands {
         ArrowLeft: [-NUDGE_M, 0, 0], ArrowRight: [NUDGE_M, 0, 0], ArrowUp: [0, NUDGE_M, 0], ArrowDown: [0, -NUDGE_M, 0],
         q: [0, 0, NUDGE_RAD], e: [0, 0, -NUDGE_RAD],
       };
-      if (moves[key]) { event.preventDefault(); event.stopPropagation(); show(at.map((value, k) => value + less * moves[key][k])); orders.say(kind, this.stage.ghost.at); }
+      if (moves[key]) { event.preventDefault(); event.stopPropagation(); show(at.map((value, k) => value + less * moves[key][k])); this.orders.say(kind, this.stage.ghost.at); }
       if (key === "Enter" || key === " ") { event.preventDefault(); event.stopPropagation(); finish(); }
       if (key === "Escape") show(null);
     });

@@ -139,7 +139,7 @@ async function experiment(changes) {
   await begin();
 }
 
-const orders = {
+const tourOrders = {
   experiment,
   curve: () => { page.driveTo = null; run(true); return ask("hold", { speed: 0.75 * page.contract.limits.speed, curvature: 0.7 * page.contract.limits.curvature, seconds: 8 }); },
   async breakGauge() {
@@ -207,7 +207,7 @@ function showFaults() {
 function showKey() {
   find("key").replaceChildren();
   const key = { "--truth": "true path", "--estimate": "estimate, 95 % ellipse", "--reference": "planned path", "--goal": "goal, tolerance", "--frame": "strip", "--outside": "strains" };
-  Object.entries(key).forEach(([look, name]) => swatch(find("key"), look, name));
+  Object.entries(key).forEach(([look, name]) => (look === "--outside" ? swatch(find("key"), look, name, []) : swatch(find("key"), look, name)));
 }
 
 function showHandle(button, name, at) {
@@ -357,19 +357,19 @@ function settingsName() {
 
 async function start() {
   const module = await unpack();
-  page.robot = new Simulation({ rows: takeRows, halted, restarted });
-  const { contract } = await page.robot.call("load", { module });
-  page.contract = contract;
+  page.robot = new Simulation({ rows: takeRows, halted, restarted, error: ({ message }) => report("Worker: " + message) });
+  const { contract: given } = await page.robot.call("load", { module });
+  const contract = page.contract = Object.assign({ tolerance: [0.1, Math.PI / 36], start: [-1.342, -1.342, 0], goal: [0, 0, 0], friction: 0.6, world: "careful", fusion: "joint" }, given);
   readAddress(contract);
   page.layout = new Layout(contract.state);
   page.history = new History(page.layout);
-  page.stage = new Stage(find("scene"), contract, page.layout);
+  page.stage = new Stage(find("scene"), page.contract, page.layout);
   page.words = new Words(contract, page.layout);
   page.plots = new Plots(find("plots"), contract, page.history);
-  page.trials = new Trials(module, contract, page.stage, dirty);
+  page.trials = new Trials(module, page.contract, page.stage, dirty);
   page.hands = new Hands(page.stage, { goal: goTo, place: placeAt, path: followPath, say, dirty }, () => state("truth"));
   new Drive(contract.limits, drive);
-  new Tour(orders);
+  new Tour(tourOrders);
   options("world", contract.worlds);
   options("fusion", contract.fusions);
   options("pace", PACES.map((value) => ({ name: String(value) })));

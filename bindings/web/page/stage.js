@@ -103,6 +103,7 @@ class Stage {
     this.drawBody(view, row);
     if (Number.isFinite(truth[0])) this.drawTip(view, truth, color("--body"));
     if (this.valid(row)) drawEstimate(view, layout.of(row, "estimate"), layout.of(row, "covariance"), SIGMAS_95);
+    this.drawInset(view, row);
     if (this.stroke.length) drawLine(view, this.stroke, color("--accent"), 2.5);
     if (this.ghost) this.drawGhost(view);
     if (this.refusal) this.drawRefusal(view);
@@ -126,6 +127,20 @@ class Stage {
       if (!Number.isFinite(by)) return;
       drawLine(view, [foot, [foot[0] - by * (b[1] - a[1]), foot[1] + by * (b[0] - a[0])]], color("--outside"), Math.max(2, 0.008 * view.scale));
     });
+  }
+
+  // The estimate, magnified. Its corner stays until the robot or the goal comes below it.
+  drawInset(view, row) {
+    const { layout } = this, truth = layout.of(row, "truth"), estimate = layout.of(row, "estimate"), covariance = layout.of(row, "covariance");
+    if (!this.valid(row) || !Number.isFinite(truth[0])) return;
+    const corners = insetCorners(view), points = [truth].concat(this.goal ? [this.goal] : []);
+    const covered = this.corner === undefined || points.some((point) => underInset(view, corners[this.corner], point, 30));
+    // The bottom right corner has the pad.
+    if (covered) this.corner = corners.indexOf(bestCorner(view, [corners[0], corners[1], corners[3]], points.concat(this.trails.truth.flat()), truth));
+    const reach = apart(truth, estimate) + SIGMAS_95 * Math.sqrt(Math.max(covariance[0], covariance[2]));
+    // Scales of 1, 2 and 5 that change late, so that the picture is calm.
+    if (!(reach < this.spread && reach > 0.3 * this.spread)) this.spread = step(Math.max(1e-3, 1.3 * reach), 1);
+    drawInset(view, corners[this.corner], { truth, estimate, covariance, spread: this.spread, sigmas: SIGMAS_95, name: "95 %" });
   }
 
   // Handle that turns a posture: a ring ahead of it.

@@ -97,6 +97,10 @@ function guarded(run) {
   try {
     return run();
   } catch (error) {
+    if (!(error instanceof WebAssembly.RuntimeError)) {
+      postMessage({ event: "error", message: String(error.message || error) });
+      return { ok: false, message: "The page has an error." };
+    }
     rows = []; held = null;
     instance();
     const again = setup.created ? create() : { ok: true };

@@ -55,12 +55,12 @@ function element(tag, content, parent) {
 }
 
 // A line as it is drawn, and its meaning. The colour follows the colour scheme.
-function swatch(parent, look, name) {
+function swatch(parent, look, name, pattern = dash(look)) {
   const item = element("span", "", parent);
   item.innerHTML = '<svg aria-hidden="true"><line x1="1" x2="25" y1="3" y2="3" stroke-width="2"/></svg>';
   const line = item.querySelector("line");
   line.style.stroke = `var(${look})`;
-  line.setAttribute("stroke-dasharray", dash(look).join(" "));
+  line.setAttribute("stroke-dasharray", pattern.join(" "));
   item.append(name);
   return item;
 }

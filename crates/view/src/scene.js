@@ -35,7 +35,10 @@ function step(span, count) {
 }
 
 // Number with the decimal places that a step of `by` needs.
-const label = (value, by) => value.toFixed(Math.max(0, -Math.floor(Math.log10(by) + 1e-9))).replace("-", "−");
+function label(value, by) {
+  const text = value.toFixed(Math.max(0, -Math.floor(Math.log10(by) + 1e-9)));
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
+}
 
 // Canvas that shows at least `bounds` (x0, y0, x1, y1; m), with y up. X and Y give pixels.
 function sceneView(canvas, [x0, y0, x1, y1]) {
@@ -121,4 +124,42 @@ function drawEllipse(g, x, y, scale, [a, b, c], sigmas) {
 function drawEstimate(view, estimate, covariance, sigmas) {
   drawCross(view, estimate, color("--estimate"), 0.045);
   drawEllipse(view.g, view.X(estimate[0]), view.Y(estimate[1]), view.scale, covariance, sigmas);
+}
+
+// Square of an inset.
+const insetSize = ({ width }) => Math.min(150, width * 0.34);
+
+// Corners for an inset, in order of preference: top right, top left, bottom right, bottom left.
+function insetCorners(view) {
+  const { width, height } = view, size = insetSize(view);
+  return [[width - size - 8, 8], [48, 8], [width - size - 8, height - size - 22], [48, height - size - 22]];
+}
+
+// True if a point, m, is below an inset at a corner or within `by` pixels of it.
+function underInset(view, [x, y], point, by) {
+  const u = view.X(point[0]), v = view.Y(point[1]), size = insetSize(view);
+  return u > x - by && u < x + size + by && v > y - by && v < y + size + by;
+}
+
+// The corner that hides the fewest of the points, and rather these than the robot.
+function bestCorner(view, corners, points, robot) {
+  const hidden = (corner) => points.filter((point) => underInset(view, corner, point, 20)).length + (underInset(view, corner, robot, 40) ? 1e6 : 0);
+  return corners.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
+}
+
+// The estimate around the truth, magnified: `spread`, m, is half the shown width.
+function drawInset(view, [x, y], { truth, estimate, covariance, spread, sigmas, name }) {
+  const { g } = view, size = insetSize(view), scale = (size / 2 - 14) / spread, cx = x + size / 2, cy = y + size / 2 + 4;
+  g.save();
+  g.fillStyle = color("--card"); g.strokeStyle = color("--line"); g.lineWidth = 1;
+  g.beginPath(); g.rect(x, y, size, size); g.fill(); g.stroke(); g.clip();
+  g.fillStyle = color("--soft"); g.textAlign = "left"; g.fillText(size > 130 ? `estimate around truth, ${name}` : `estimate, ${name}`, x + 5, y + 12);
+  const bar = step(2 * spread, 3);
+  g.fillRect(x + 6, y + size - 7, bar * scale, 2); g.fillText(label(1e3 * bar, 1e3 * bar) + " mm", x + 6, y + size - 11);
+  g.strokeStyle = color("--truth"); g.lineWidth = 1.5; g.beginPath();
+  g.moveTo(cx - 6, cy); g.lineTo(cx + 6, cy); g.moveTo(cx, cy - 6); g.lineTo(cx, cy + 6); g.stroke();
+  const ex = cx + (estimate[0] - truth[0]) * scale, ey = cy - (estimate[1] - truth[1]) * scale;
+  g.fillStyle = color("--estimate"); g.beginPath(); g.arc(ex, ey, 3, 0, 7); g.fill();
+  drawEllipse(g, ex, ey, scale, covariance, sigmas);
+  g.restore();
 }
