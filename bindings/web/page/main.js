@@ -57,7 +57,6 @@ async function placeAt(at) {
   page.driveTo = null;
   settings.start = at;
   writeAddress();
-  page.stage.lift();
   page.stage.planned = []; page.faults.clear();
   if ((await ask("place", { at })).ok) note(`Robot placed: ${posture(at)}. Set a goal.`);
   showFaults();

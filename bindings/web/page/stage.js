@@ -4,6 +4,8 @@
 const SIGMAS_95 = 2.448;
 // Distance between points of the driven path, m, and most points of it.
 const TRAIL_M = 0.004, TRAIL_POINTS = 3000;
+// Distance between two epochs that is no motion, m, and most lines of the driven path.
+const JUMP_M = 0.03, MOST_LINES = 20;
 // Length of the bar of the strain that the largest steering causes, m, and this strain.
 const BAR_M = 0.1, BAR_STRAIN = 1.5e-3;
 
@@ -28,16 +30,11 @@ class Stage {
     this.trails = { truth: [[]], estimate: [[]] };
   }
 
-  // The next point of the driven path begins a new line.
-  lift() {
-    Object.values(this.trails).forEach((trail) => trail.push([]));
-  }
-
   add(row) {
     this.extend(this.trails.truth, this.layout.of(row, "truth"));
     const estimate = this.layout.of(row, "estimate");
     if (this.valid(row)) this.extend(this.trails.estimate, estimate);
-    else if (this.trails.estimate[this.trails.estimate.length - 1].length) this.trails.estimate.push([]);
+    else if (this.trails.estimate[this.trails.estimate.length - 1].length) this.lift(this.trails.estimate);
   }
 
   valid(row) {
@@ -47,9 +44,15 @@ class Stage {
   extend(trail, at) {
     const line = trail[trail.length - 1], end = line[line.length - 1];
     if (end && apart(end, at) < TRAIL_M) return;
+    // Somebody has placed the robot, or the estimate was set: a new line begins.
+    if (end && apart(end, at) > JUMP_M) return this.lift(trail, at);
     line.push([at[0], at[1]]);
     if (line.length > TRAIL_POINTS) trail[trail.length - 1] = line.filter((_, i) => i % 2 === 0);
-    if (trail.length > 20) trail.shift();
+  }
+
+  lift(trail, at) {
+    trail.push(at ? [[at[0], at[1]]] : []);
+    if (trail.length > MOST_LINES) trail.shift();
   }
 
   // The part of the floor that is to be seen.
@@ -91,7 +94,6 @@ class Stage {
     const view = this.view = sceneView(this.canvas, this.bounds), { layout } = this;
     const truth = layout.of(row, "truth"), target = layout.of(row, "target");
     drawGrid(view);
-    this.clouds.forEach((cloud) => this.drawCloud(view, cloud));
     if (this.planned.length) drawLine(view, this.planned, color("--reference"), 1.5, dash("--reference"));
     this.trails.truth.forEach((line) => drawLine(view, line, color("--truth"), 2));
     this.trails.estimate.forEach((line) => drawLine(view, line, color("--estimate"), 1, dash("--estimate")));
@@ -102,6 +104,7 @@ class Stage {
     if (Number.isFinite(target[0])) drawCircle(view, target, 5, color("--goal"), 2);
     this.drawBody(view, row);
     if (Number.isFinite(truth[0])) this.drawTip(view, truth, color("--body"));
+    this.clouds.forEach((cloud) => this.drawCloud(view, cloud));
     if (this.valid(row)) drawEstimate(view, layout.of(row, "estimate"), layout.of(row, "covariance"), SIGMAS_95);
     this.drawInset(view, row);
     if (this.stroke.length) drawLine(view, this.stroke, color("--accent"), 2.5);

@@ -153,7 +153,9 @@ function drawInset(view, [x, y], { truth, estimate, covariance, spread, sigmas, 
   g.save();
   g.fillStyle = color("--card"); g.strokeStyle = color("--line"); g.lineWidth = 1;
   g.beginPath(); g.rect(x, y, size, size); g.fill(); g.stroke(); g.clip();
-  g.fillStyle = color("--soft"); g.textAlign = "left"; g.fillText(size > 130 ? `estimate around truth, ${name}` : `estimate, ${name}`, x + 5, y + 12);
+  g.fillStyle = color("--soft"); g.textAlign = "left";
+  const titles = [`estimate around truth, ${name}`, `estimate, ${name}`];
+  g.fillText(titles.find((title) => g.measureText(title).width < size - 8) || name, x + 5, y + 12);
   const bar = step(2 * spread, 3);
   g.fillRect(x + 6, y + size - 7, bar * scale, 2); g.fillText(label(1e3 * bar, 1e3 * bar) + " mm", x + 6, y + size - 11);
   g.strokeStyle = color("--truth"); g.lineWidth = 1.5; g.beginPath();
