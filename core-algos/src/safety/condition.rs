@@ -152,11 +152,11 @@ conditions! {
     BusOff = 0x84 "bus off" 20 ms:
         "the CAN controller is in bus-off after too many errors"; "check cable, termination and bit rate".
     EstimateInconsistent = 0x85 "estimate inconsistent" 200 ms:
-        "measurements contradict each other"; "check wheels, gauges and calibration".
+        "the beam contradicts wheels and gyros: uneven ground or a wrong sensor"; "on ground with steps above 10 mm, drive elsewhere; on a floor, check wheels, gauges and calibration".
     FrameBent = 0x86 "frame bent" 30 ms:
         "the steering exceeds the limit of the frame"; "check for an obstacle or a slipping wheel; straighten the frame".
     WrenchHigh = 0x87 "wrench high" 30 ms:
-        "the wrench of the frame exceeds its limit"; "check for a blocked wheel or axles driving against each other".
+        "the wrench of the frame exceeds its limit"; "check for a blocked wheel, a step in the ground or axles driving against each other".
     TrackingLost = 0x88 "tracking lost" 150 ms:
         "an axle does not follow its reference"; "check for a weak motor, a lifted wheel or a blocked wheel".
     OverTemperature = 0x89 "over temperature" 200 ms:

@@ -157,6 +157,16 @@ impl Wheels {
         self.friction[wheel] = 0.0;
     }
 
+    /// Sets the friction of the wheels that have friction; the slip stiffness of their tyres stays.
+    pub fn set_friction(&mut self, friction: f64) {
+        for (own, compliance) in self.friction.iter_mut().zip(&mut self.compliance) {
+            if *own > 0.0 {
+                *compliance *= friction / *own;
+                *own = friction;
+            }
+        }
+    }
+
     /// Removes the friction between all wheels and the ground.
     pub fn remove_friction(&mut self) {
         self.friction = [0.0; 4];

@@ -44,7 +44,7 @@ pub struct Rig {
     lead: lead::Output,
     /// Trace of the boards, if recorded.
     pub(super) trace: Option<Trace>,
-    injector: Option<Injector>,
+    injectors: Vec<Injector>,
     calibration: Calibration,
     /// Number of gauges of each frame; 0 without the relative position sensor.
     gauges: usize,
@@ -92,7 +92,7 @@ impl Rig {
             tick: 0,
             lead: lead::Output::default(),
             trace: None,
-            injector: None,
+            injectors: Vec::new(),
             calibration,
             gauges: if rps { bridge.gauges_m.len() } else { 0 },
             readings: Readings {
@@ -119,25 +119,22 @@ impl Rig {
         &self.lead
     }
 
-    /// Injector of a fault; `None` if no fault is injected.
-    pub fn injector(&self) -> Option<&Injector> {
-        self.injector.as_ref()
+    /// Injectors of the faults, in the order of [`Self::inject`].
+    pub fn injectors(&self) -> &[Injector] {
+        &self.injectors
     }
 
-    /// Injects a fault from `tick` on. The owner of the plant applies faults of the plant.
+    /// Adds `strain` to the zeros of all gauges from now on.
+    pub fn drift_gauges(&mut self, strain: f64) {
+        self.sensors.drift_gauges(strain);
+    }
+
+    /// Injects a fault from `tick` on, beside those already injected. Losses and resets of boards need a tick each. The
+    /// owner of the plant applies faults of the plant.
     pub fn inject(&mut self, fault: Fault, tick: u32) {
-        let failure = |role| Failure {
-            role,
-            at: tick,
-            mode: FailureMode::Off,
-        };
-        match fault {
-            Fault::Reset { board, off_ms } => self.boards.plan(vec![failure(board)], Some(off_ms)),
-            Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
-            _ => {}
-        }
         let held = self.readings.clone();
-        self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
+        let injector = Injector::new(fault, tick, self.full_scale, held);
+        self.injectors.push(injector);
     }
 
     /// One tick of the boards with the true state at the beginning of the tick; gives the torques of the motors until
@@ -184,7 +181,7 @@ impl Rig {
             self.lead = lead;
         }
         self.given.copy_from_slice(&self.torque);
-        if let Some(injector) = &self.injector {
+        for injector in &self.injectors {
             injector.torque(tick, &mut self.given);
         }
         let axles = self.torque.len();
@@ -204,18 +201,31 @@ impl Rig {
 
     /// Applies the injected fault to the readings, the boards and the bus.
     fn disturb(&mut self, tick: u32) -> Result<(), Error> {
-        let Some(injector) = &mut self.injector else {
-            return Ok(());
-        };
-        injector.readings(tick, &mut self.readings);
-        for role in self.topology.boards() {
-            let frozen = injector.frozen(role, tick);
-            let clock_lag = injector.clock_lag(role, tick);
-            self.boards.hold(role, frozen, clock_lag)?;
+        for injector in &mut self.injectors {
+            injector.readings(tick, &mut self.readings);
+            let off = |role| {
+                vec![Failure {
+                    role,
+                    at: tick,
+                    mode: FailureMode::Off,
+                }]
+            };
+            match injector.fault() {
+                (_, at) if at != tick => {}
+                (Fault::Bus(config), _) => self.bus.set_config(config),
+                (&Fault::Reset { board, off_ms }, _) => self.boards.plan(off(board), Some(off_ms)),
+                (&Fault::Loss(role), _) => self.boards.plan(off(role), None),
+                _ => {}
+            }
         }
-        match injector.fault() {
-            (Fault::Bus(config), at) if at == tick => self.bus.set_config(config),
-            _ => {}
+        if self.injectors.is_empty() {
+            return Ok(());
+        }
+        for role in self.topology.boards() {
+            let injectors = self.injectors.iter();
+            let frozen = injectors.clone().any(|it| it.frozen(role, tick));
+            let clock_lag = injectors.map(|it| it.clock_lag(role, tick)).sum();
+            self.boards.hold(role, frozen, clock_lag)?;
         }
         Ok(())
     }

@@ -184,7 +184,17 @@ impl Simulation<DrawnPlant> {
         &self.physics.plant
     }
 
-    /// Injects a fault from `tick` on.
+    /// Sets the friction coefficient of the floor, above 0, from now on.
+    pub fn set_friction(&mut self, friction: f64) {
+        self.physics.plant.set_friction(friction);
+    }
+
+    /// Adds `strain` to the zeros of all gauges from now on.
+    pub fn drift_gauges(&mut self, strain: f64) {
+        self.rig.drift_gauges(strain);
+    }
+
+    /// Injects a fault from `tick` on, beside those already injected. Losses and resets of boards need a tick each.
     pub fn inject(&mut self, fault: Fault, tick: u32) {
         self.rig.inject(fault, tick);
     }
@@ -248,16 +258,15 @@ impl<P: Physics> Simulation<P> {
         self.now() / TICK
     }
 
-    /// Applies the injected fault to the physics.
+    /// Applies the injected faults to the physics.
     fn disturb(&mut self, tick: u32) {
-        let Some(injector) = self.rig.injector() else {
-            return;
-        };
-        if let Some(wheel) = injector.lifts(tick) {
-            self.physics.lift_wheel(wheel);
-        }
-        if injector.snaps(tick) {
-            self.physics.snap_frame();
+        for injector in self.rig.injectors() {
+            if let Some(wheel) = injector.lifts(tick) {
+                self.physics.lift_wheel(wheel);
+            }
+            if injector.snaps(tick) {
+                self.physics.snap_frame();
+            }
         }
     }
 

@@ -16,7 +16,7 @@
 //! | bend of the frame by the beam or, without the beam, by the estimate | `FrameBent` | steering of 0.7 rad | always | the strip yields |
 //! | wrench of a frame that is bent by more than 0.05 rad | `WrenchHigh` | 25 N, 6 N m | a wrench no older than 50 ms | a blocked wheel |
 //! | estimate not finite, or estimate of a user's estimator not sound | `NotANumber` | at once | always | control cannot be trusted |
-//! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
+//! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | a wheel or gauge is wrong, or wheels climb |
 //! | estimate too uncertain | `EstimateVague` | 5 m, 0.5 rad | always | reported to the user |
 //! | task done, but the 95 % ellipse too large or a sensor inconsistent | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
 //! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`InconsistentSensor`] | always | reported to the user |

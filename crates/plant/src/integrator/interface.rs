@@ -35,6 +35,13 @@ impl Plant {
         self.groups[axle / 2].wheels.lift(2 * (axle % 2) + side);
     }
 
+    /// Sets the friction coefficient of the ground, above 0, under all wheels that are not lifted.
+    pub fn set_friction(&mut self, friction: f64) {
+        for group in &mut self.groups {
+            group.wheels.set_friction(friction);
+        }
+    }
+
     /// Breaks a frame in two permanently: its wrench and its curvature are zero.
     pub fn snap_frame(&mut self, frame: usize) {
         self.frames[frame].snapped = true;

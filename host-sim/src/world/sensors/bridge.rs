@@ -259,6 +259,11 @@ impl Bridge {
         }
     }
 
+    /// Adds `strain` to the zero.
+    pub fn drift(&mut self, strain: f64) {
+        self.offset.shift(strain);
+    }
+
     /// Counts of a reading 1 ms after the preceding call. A strain that is not finite gives the end of the range, and
     /// leaves filter and ageing of the gauge at the latest finite strain.
     pub fn sample(&mut self, strain: f64) -> i32 {

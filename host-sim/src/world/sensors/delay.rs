@@ -62,6 +62,11 @@ impl Drift {
         }
     }
 
+    /// Adds `by` to the value.
+    pub fn shift(&mut self, by: f64) {
+        self.value += by;
+    }
+
     /// Value at the next sample.
     pub fn next(&mut self, random: &mut Pcg64) -> f64 {
         let value = self.value;

@@ -276,6 +276,12 @@ impl Sensors {
         axles.map(|axle| [axle.gyro.bias(), axle.accelerometer.bias()])
     }
 
+    /// Adds `strain` to the zeros of all gauges.
+    pub fn drift_gauges(&mut self, strain: f64) {
+        let bridges = self.frames.iter_mut().flatten();
+        bridges.for_each(|bridge| bridge.drift(strain));
+    }
+
     /// Samples of the latest call of [`Self::sample`].
     pub fn samples(&self) -> &Samples {
         &self.samples

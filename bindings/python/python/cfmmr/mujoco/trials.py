@@ -15,7 +15,7 @@ from ..runs import Log, run, run_path
 from .grounds import Ground
 from .robot import MuJoCoRobot
 
-_ACCUSED = ("lost", "inconsistent", "wheel slip")
+_ACCUSED = ("gauge lost", "sensor lost", "tracking lost", "inconsistent", "wheel slip")
 """Ends of the names of codes that blame a sensor or a wheel."""
 
 

@@ -1,0 +1,113 @@
+//! A path drawn by hand, made smooth enough for the frame.
+
+use host_sim::base::error::Error;
+use host_sim::paths::{Path, PathError, Waypoint};
+use host_sim::run::path_run::{Route, start_distances};
+use host_sim::scenario::Scenario;
+
+/// Distance between the points after resampling, m.
+const SPACING_M: f64 = 0.05;
+/// Number of resampled points from one waypoint to the next.
+const STRIDE: usize = 5;
+/// Numbers of smoothing passes, tried in this order. A pass moves each point half the distance to the middle of its
+/// neighbours, so n passes smooth over √(n/2) spacings.
+const PASSES: [usize; 6] = [4, 16, 40, 80, 160, 320];
+/// Longest drawn path, m.
+const MAX_LENGTH_M: f64 = 100.0;
+/// Length of the straight beginning of the path, m.
+const LEAD_IN_M: f64 = 0.2;
+
+/// Path from the posture `at` through the points `drawn` (m). The least smoothing that the frame allows is used; the
+/// error names place and reason where no smoothing is enough.
+pub fn route(at: [f64; 3], drawn: &[[f64; 2]], scenario: &Scenario) -> Result<Route, Error> {
+    let (sin, cos) = libm::sincos(at[2]);
+    let ahead = |distance: f64| [at[0] + distance * cos, at[1] + distance * sin];
+    let lead_in = [ahead(0.0), ahead(0.5 * LEAD_IN_M), ahead(LEAD_IN_M)];
+    // What is drawn beside or behind the straight beginning is left out.
+    let before = |point: &&[f64; 2]| distance(**point, lead_in[0]) < LEAD_IN_M;
+    let rest = drawn.iter().skip_while(before);
+    let points: Vec<[f64; 2]> = lead_in.into_iter().chain(rest.copied()).collect();
+    let points = resampled(&points)?;
+    let mut refused = Error::input("path: must be longer than 0.3 m");
+    if points.len() <= STRIDE + 1 {
+        return Err(refused);
+    }
+    for passes in PASSES {
+        match smooth_route(at, &points, passes, scenario) {
+            Ok(route) => return Ok(route),
+            Err(error) => refused = Error::input(format!("path: {error}")),
+        }
+    }
+    Err(refused)
+}
+
+fn smooth_route(
+    at: [f64; 3],
+    points: &[[f64; 2]],
+    passes: usize,
+    scenario: &Scenario,
+) -> Result<Route, PathError> {
+    let points = smoothed(points, passes);
+    let last = points.len() - 1;
+    let chosen = (0..last)
+        .step_by(STRIDE)
+        .filter(|&i| last - i >= STRIDE / 2);
+    let waypoints = chosen
+        .chain([last])
+        .map(|i| Waypoint::from((points[i][0], points[i][1])));
+    let route = Route::new(&Path::through(&waypoints.collect::<Vec<_>>())?, 1, scenario)?;
+    route.check_start(at, start_distances(scenario)[1])?;
+    Ok(route)
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    libm::hypot(a[0] - b[0], a[1] - b[1])
+}
+
+/// Points of a polyline at equal distances.
+fn resampled(points: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, Error> {
+    if let Some(point) = points.iter().flatten().find(|value| !value.is_finite()) {
+        return Err(Error::input(format!(
+            "path: point = {point}: must be a finite number"
+        )));
+    }
+    let length: f64 = points
+        .windows(2)
+        .map(|pair| distance(pair[0], pair[1]))
+        .sum();
+    if !(length <= MAX_LENGTH_M) {
+        return Err(Error::input(format!(
+            "path: length = {length:.1} m: must be at most {MAX_LENGTH_M} m"
+        )));
+    }
+    let mut found = vec![points[0]];
+    // Distance from the latest point to the beginning of the segment.
+    let mut passed = 0.0;
+    for pair in points.windows(2) {
+        let whole = distance(pair[0], pair[1]);
+        let mut next = SPACING_M - passed;
+        while next <= whole {
+            let share = next / whole;
+            found.push([0, 1].map(|k| pair[0][k] + share * (pair[1][k] - pair[0][k])));
+            next += SPACING_M;
+        }
+        passed = whole - (next - SPACING_M);
+    }
+    Ok(found)
+}
+
+/// Points after smoothing; both ends and the straight beginning stay.
+fn smoothed(points: &[[f64; 2]], passes: usize) -> Vec<[f64; 2]> {
+    let fixed = (LEAD_IN_M / SPACING_M) as usize;
+    let mut points = points.to_vec();
+    for _ in 0..passes {
+        let before = points.clone();
+        for i in fixed..points.len().saturating_sub(1) {
+            for k in 0..2 {
+                let middle = 0.5 * (before[i - 1][k] + before[i + 1][k]);
+                points[i][k] = 0.5 * (before[i][k] + middle);
+            }
+        }
+    }
+    points
+}

@@ -1,0 +1,320 @@
+//! A robot that a visitor drives: commands, faults and changed settings between the ticks.
+
+use crate::drawn_path;
+use crate::faults::FAULTS;
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::safety::Condition;
+use core_algos::time::{EPOCH, TICK};
+use host_sim::base::error::{Error, Refusal};
+use host_sim::run::path_run::{PathMode, Stream};
+use host_sim::run::robot::{Record, Robot};
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::targets::{self, HostCommand};
+use host_sim::world::drawn::Drawn;
+
+/// Coordinates of goals and of the robot, m and rad.
+const COORDINATES: [f64; 2] = [-50.0, 50.0];
+/// Speeds, m/s, and curvatures, 1/m, of driving by hand; the governor limits them further.
+const SPEEDS: [f64; 2] = [-10.0, 10.0];
+const CURVATURES: [f64; 2] = [-100.0, 100.0];
+/// Friction coefficients of the floor that a visitor may set.
+pub const FRICTION: [f64; 2] = [0.02, 2.0];
+/// Largest change of the gauges' zeros at once, strain.
+const MAX_DRIFT: f64 = 1e-3;
+
+/// Robot in progress.
+pub struct Live {
+    scenario: Scenario,
+    seed: u64,
+    trial: u64,
+    robot: Simulation,
+    /// Time before the present simulation began, s.
+    before_s: f64,
+    /// Number of times that a person has placed the robot.
+    placements: u64,
+    /// Task that waits until the robot has settled and the points of its path are sent.
+    pending: Option<Task>,
+    /// Points of the path that are not yet sent.
+    stream: Option<Stream>,
+    /// First tick that no loss or reset of a board has.
+    free_tick: u32,
+}
+
+/// Error that names the field, the value and the allowed range.
+fn refused(field: &str, value: f64, [least, most]: [f64; 2]) -> Error {
+    Error::from(Refusal {
+        field: field.to_owned(),
+        value: value.to_string(),
+        allowed: format!("a number from {least} to {most}"),
+    })
+}
+
+fn check(field: &str, value: f64, range: [f64; 2]) -> Result<(), Error> {
+    match (range[0]..=range[1]).contains(&value) {
+        true => Ok(()),
+        false => Err(refused(field, value, range)),
+    }
+}
+
+fn check_posture(posture: [f64; 3]) -> Result<(), Error> {
+    let mut fields = ["x", "y", "phi"].into_iter().zip(posture);
+    fields.try_for_each(|(field, value)| check(field, value, COORDINATES))
+}
+
+/// Robot of drawn errors at the start of a scenario.
+fn simulation(
+    scenario: &Scenario,
+    drawn: &Drawn,
+    seed: u64,
+    trial: u64,
+) -> Result<Simulation, Error> {
+    let boards = targets::in_process_with(scenario.robot.topology(), &scenario.own);
+    Simulation::with(boards, scenario, drawn, seed, trial)
+}
+
+/// True if the lead node has an estimate; without reports of an axle it has none.
+fn is_valid(record: &Record) -> bool {
+    record.lead.fused.robot.covariance[0][0] > 0.0
+}
+
+impl Live {
+    /// Robot at rest at the start of the scenario.
+    pub fn new(scenario: Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
+        let drawn = scenario.world.draw(scenario.robot.topology(), seed, trial);
+        Ok(Self {
+            robot: simulation(&scenario, &drawn, seed, trial)?,
+            scenario,
+            seed,
+            trial,
+            before_s: 0.0,
+            placements: 0,
+            pending: None,
+            stream: None,
+            free_tick: 0,
+        })
+    }
+
+    /// Replaces the settings. True posture, estimate and its standard deviations stay; frame and motors are at rest.
+    pub fn change(&mut self, scenario: Scenario) -> Result<(), Error> {
+        let record = self.robot.record();
+        let truth = record.midpoint;
+        let estimate = &record.lead.fused.robot;
+        let drawn = scenario
+            .world
+            .draw(scenario.robot.topology(), self.seed, self.trial);
+        let covariance = estimate.covariance.map(|row| row.map(f64::from));
+        let mut carried = scenario.clone();
+        let mut errors = drawn;
+        if is_valid(&record) {
+            let at = estimate.posture;
+            carried.mission.start = [at.x, at.y, at.phi].map(f64::from);
+            carried.mission.placement_m = covariance[0][0].max(covariance[1][1]).sqrt();
+            carried.mission.placement_rad = covariance[2][2].sqrt();
+            errors.placement = std::array::from_fn(|i| truth[i] - carried.mission.start[i]);
+        } else {
+            carried.mission.start = truth;
+        }
+        self.begin(scenario, &carried, &errors)
+    }
+
+    /// Lifts the robot and places it at a posture, with a new placement error of the world.
+    pub fn place(&mut self, posture: [f64; 3]) -> Result<(), Error> {
+        check_posture(posture)?;
+        self.placements += 1;
+        let topology = self.scenario.robot.topology();
+        let world = &self.scenario.world;
+        let mut drawn = world.draw(topology, self.seed, self.trial);
+        let other = world.draw(
+            topology,
+            self.seed,
+            self.trial.wrapping_add(self.placements << 32),
+        );
+        drawn.placement = other.placement;
+        let mut placed = self.scenario.clone();
+        placed.mission.start = posture;
+        self.begin(self.scenario.clone(), &placed, &drawn)
+    }
+
+    /// Continues with a new simulation of `started`; `scenario` has the mission as the user wrote it.
+    fn begin(
+        &mut self,
+        scenario: Scenario,
+        started: &Scenario,
+        drawn: &Drawn,
+    ) -> Result<(), Error> {
+        let robot = simulation(started, drawn, self.seed, self.trial)?;
+        self.before_s = self.time_s();
+        (self.robot, self.scenario) = (robot, scenario);
+        (self.pending, self.stream, self.free_tick) = (None, None, 0);
+        Ok(())
+    }
+
+    /// Time since the robot was created, s.
+    fn time_s(&self) -> f64 {
+        self.before_s + self.robot.now() as f64 * 1e-6
+    }
+
+    fn tick(&self) -> u32 {
+        (self.robot.now() / TICK) as u32
+    }
+
+    /// Advances by 1 ms.
+    pub fn step(&mut self) -> Result<(), Error> {
+        let now = self.robot.now();
+        if now.is_multiple_of(EPOCH) {
+            if let Some(stream) = &mut self.stream
+                && let Some(points) = stream.next(self.robot.room())
+            {
+                self.robot.command(&points)?;
+            }
+            let settled = now as f64 * 1e-6 >= self.scenario.mission.settle_s;
+            if settled && let Some(task) = self.pending.take() {
+                self.command(task)?;
+            }
+        }
+        self.robot.step()
+    }
+
+    fn command(&mut self, task: Task) -> Result<(), Error> {
+        self.robot.monitor_mut().begin_task();
+        self.robot.command(&HostCommand::Task(task))
+    }
+
+    /// Gives a task at the next epoch after the robot has settled, and forgets the path.
+    fn give(&mut self, task: Task) {
+        self.stream = None;
+        self.pending = Some(task);
+    }
+
+    /// Drives to a goal.
+    pub fn regulate(&mut self, goal: [f64; 3]) -> Result<(), Error> {
+        check_posture(goal)?;
+        self.give(self.scenario.mission.regulate(goal));
+        Ok(())
+    }
+
+    /// Brakes and holds.
+    pub fn halt(&mut self) {
+        self.give(Task::Stop);
+    }
+
+    /// Clears latched faults of the boards whose causes are gone.
+    pub fn clear(&mut self) {
+        self.give(Task::Clear);
+    }
+
+    /// Drives by hand until 200 ms after the latest call.
+    pub fn speed(&mut self, speed_m_s: f64, curvature: f64) -> Result<(), Error> {
+        check("speed", speed_m_s, SPEEDS)?;
+        check("curvature", curvature, CURVATURES)?;
+        let task = Task::Drive {
+            speed_m_s: speed_m_s as f32,
+            curvature: curvature as f32,
+        };
+        self.give(task);
+        Ok(())
+    }
+
+    /// Follows a drawn path from the robot's estimated posture; gives the points of the planned path.
+    pub fn follow(&mut self, drawn: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, Error> {
+        let at = self.robot.record().lead.fused.robot.posture;
+        let at = [at.x, at.y, at.phi].map(f64::from);
+        let route = drawn_path::route(at, drawn, &self.scenario)?;
+        let samples = route.path().samples().iter();
+        let planned = samples.map(|sample| [sample.x, sample.y]).collect();
+        self.stream = Some(Stream::new(&route, PathMode::Follow));
+        self.pending = Some(Task::Follow {
+            within: self.scenario.mission.within(),
+        });
+        Ok(planned)
+    }
+
+    /// Injects a fault beside those present.
+    pub fn fault(&mut self, number: usize) -> Result<(), Error> {
+        let count = FAULTS.len();
+        let Some(fault) = FAULTS.get(number) else {
+            return Err(refused("fault", number as f64, [0.0, count as f64 - 1.0]));
+        };
+        let tick = self.free_tick.max(self.tick());
+        self.free_tick = tick + 1;
+        self.robot.inject((fault.make)(), tick);
+        Ok(())
+    }
+
+    /// Sets the friction coefficient of the floor.
+    pub fn friction(&mut self, friction: f64) -> Result<(), Error> {
+        check("friction", friction, FRICTION)?;
+        self.robot.set_friction(friction);
+        Ok(())
+    }
+
+    /// Adds a strain to the zeros of all gauges.
+    pub fn drift_gauges(&mut self, strain: f64) -> Result<(), Error> {
+        check("strain", strain, [-MAX_DRIFT, MAX_DRIFT])?;
+        self.robot.drift_gauges(strain);
+        Ok(())
+    }
+
+    /// Passes each value of the state by name; the declaration of the state's layout.
+    pub fn visit(&self, put: &mut dyn FnMut(&'static str, &[f64])) {
+        let record = self.robot.record();
+        let lead = &record.lead;
+        let fused = &lead.fused;
+        let posture = |p: Posture| [p.x, p.y, p.phi].map(f64::from);
+        let code = |condition: Option<Condition>| condition.map_or(0.0, |it| it.code().into());
+        put("time_s", &[self.time_s()]);
+        put("truth", &record.midpoint);
+        put("estimate", &posture(fused.robot.posture));
+        let p = fused.robot.covariance.map(|row| row.map(f64::from));
+        put("covariance", &[p[0][0], p[0][1], p[1][1], p[2][2]]);
+        put("valid", &[f64::from(u8::from(is_valid(&record)))]);
+        let axles = record.axles.iter();
+        put(
+            "axles",
+            &axles
+                .clone()
+                .flat_map(|axle| axle.posture)
+                .collect::<Vec<_>>(),
+        );
+        let estimated = [&fused.front, &fused.rear].map(|axle| posture(axle.posture));
+        put("estimated_axles", estimated.as_flattened());
+        let points = record.frames.iter().rev().flat_map(|frame| frame.points);
+        put(
+            "frame",
+            &points
+                .flat_map(|point| point.map(f64::from))
+                .collect::<Vec<_>>(),
+        );
+        let strains = record
+            .frames
+            .iter()
+            .flat_map(|frame| frame.strain.map(f64::from));
+        put("strain", &strains.collect::<Vec<_>>());
+        put(
+            "torque",
+            &axles.flat_map(|axle| axle.torque).collect::<Vec<_>>(),
+        );
+        put("speed", &[self.robot.speed()]);
+        put("command", &[lead.motion.v.into(), lead.motion.psi.0.into()]);
+        put("innovation", &fused.beam.innovation.map(f64::from));
+        put("nis", &[fused.beam.nis.into()]);
+        put("mode", &[lead.mode as u8 as f64]);
+        put("phase", &[lead.phase as u8 as f64]);
+        put("target", &lead.target.map_or([f64::NAN; 3], posture));
+        put("done", &[f64::from(u8::from(lead.done))]);
+        put("failed", &[code(lead.failed)]);
+        let monitor = self.robot.monitor();
+        let nodes = monitor.topology.nodes().map(|node| monitor.latest(node));
+        let reasons = nodes
+            .clone()
+            .map(|status| code(status.and_then(|it| it.reason)));
+        put("reasons", &reasons.collect::<Vec<_>>());
+        let states = nodes.map(|status| status.map_or(f64::NAN, |it| it.state as u8 as f64));
+        put("states", &states.collect::<Vec<_>>());
+        let notices = monitor.notices();
+        let noticed = Condition::ALL.map(|it| f64::from(u8::from(notices.contains(it))));
+        put("notices", &noticed);
+    }
+}
