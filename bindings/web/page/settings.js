@@ -49,7 +49,7 @@ function readAddress(contract) {
   one("fusion", contract.fusions.map((fusion) => fusion.name));
   yes("gauges"); yes("imu");
   const friction = Number(given.get("friction"));
-  if (given.has("friction") && friction >= 0.05 && friction <= 1) found.friction = friction;
+  if (given.has("friction") && friction >= contract.limits.friction[0] && friction <= contract.limits.friction[1]) found.friction = friction;
   posture("start"); posture("goal");
   Object.keys(settings).forEach((name) => delete settings[name]);
   Object.assign(settings, found);

@@ -98,7 +98,7 @@ class Stage {
     this.trails.truth.forEach((line) => drawLine(view, line, color("--truth"), 2));
     this.trails.estimate.forEach((line) => drawLine(view, line, color("--estimate"), 1, dash("--estimate")));
     if (this.goal) {
-      drawGoal(view, this.goal, this.contract.tolerance);
+      drawGoal(view, this.goal, this.contract.mission.tolerance);
       this.drawTip(view, this.goal, color("--goal"));
     }
     if (Number.isFinite(target[0])) drawCircle(view, target, 5, color("--goal"), 2);
@@ -162,7 +162,7 @@ class Stage {
     const { at, kind } = this.ghost, [x, y, phi] = at;
     view.g.globalAlpha = 0.55;
     if (kind === "goal") {
-      drawGoal(view, at, this.contract.tolerance);
+      drawGoal(view, at, this.contract.mission.tolerance);
     } else {
       const half = this.contract.strip_m / 2, end = (by) => [x + by * Math.cos(phi), y + by * Math.sin(phi), phi];
       drawRobot(view, this.contract.body, [end(half), end(-half)], [end(-half), end(half)]);

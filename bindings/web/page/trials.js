@@ -12,7 +12,7 @@ class Trials {
   // Workers are made for a batch and end with it.
   async run(count, name, of) {
     this.stop();
-    const batch = this.batch, total = { name, ends: [], count, text: scenario(of), seed: settings.seed, goal: of.goal || this.contract.goal };
+    const batch = this.batch, total = { name, ends: [], count, text: scenario(of), seed: settings.seed, goal: of.goal || this.contract.mission.goal };
     total.cloud = { points: [], look: `--c${[0, 1, 2, 4][find("trials").rows.length % 4]}` };
     this.stage.clouds = this.stage.clouds.slice(1 - CLOUDS).concat([total.cloud]);
     total.row = this.newRow(total);
@@ -41,7 +41,7 @@ class Trials {
   take(total, answer) {
     if (!answer.ok) return note("A trial was refused: " + answer.message, true);
     const [end, x, y, phi, , , , e, claim, duration] = answer.outcome;
-    const off = Math.abs(wrap(phi - total.goal[2])), [position, heading] = this.contract.tolerance;
+    const off = Math.abs(wrap(phi - total.goal[2])), [position, heading] = this.contract.mission.tolerance;
     total.ends.push({ end, e, off, claim, duration, within: e <= position && off <= heading });
     if (Number.isFinite(x)) total.cloud.points.push([x, y]);
     this.showRow(total);

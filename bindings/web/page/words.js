@@ -26,7 +26,7 @@ class Words {
   sentence(row) {
     const failed = this.codes.get(this.one(row, "failed"));
     if (failed) return `Stopped: ${failed.name}.`;
-    const mode = bare(this.contract.modes[this.one(row, "mode")]), phase = bare(this.contract.phases[this.one(row, "phase")]);
+    const mode = bare(this.contract.modes[this.one(row, "mode")]), phase = bare((this.contract.phases || [])[this.one(row, "phase")]);
     if (mode === "regulate") return SENTENCES[this.one(row, "done") ? "done" : phase] || SENTENCES[mode];
     if (this.one(row, "done")) return "Task done. Rests.";
     return SENTENCES[mode] || `Mode ${this.contract.modes[this.one(row, "mode")]}.`;
