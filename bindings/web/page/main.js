@@ -10,7 +10,7 @@ const BUSY_FRAMES = 300;
 
 const page = {
   ready: false, running: true, generation: 0, robot: null, contract: null, layout: null, history: null, stage: null, plots: null,
-  words: null, hands: null, trials: null, driveTo: null, drawUntil: 0, drift: 0, faults: new Set(), busy: [], inbox: 0,
+  words: null, hands: null, trials: null, task: null, drawUntil: 0, drift: 0, faults: new Set(), busy: [], inbox: 0,
   pace: 1, rate: 0, mark: null,
 };
 
@@ -33,7 +33,7 @@ async function create() {
   page.stage.clear();
   page.stage.planned = []; page.stage.refusal = null;
   page.drift = 0; page.faults.clear();
-  page.driveTo = null;
+  page.task = null;
   page.stage.goal = settings.goal || page.contract.mission.goal;
   showSettings();
   writeAddress();
@@ -42,7 +42,7 @@ async function create() {
 
 async function goTo(at) {
   page.stage.goal = at; page.stage.planned = []; page.stage.refusal = null;
-  page.driveTo = at;
+  page.task = "goal";
   settings.goal = at;
   writeAddress();
   const answer = await ask("regulate", { at });
@@ -52,11 +52,11 @@ async function goTo(at) {
 }
 
 async function begin() {
-  if ((await create()).ok) await ask("regulate", { at: page.driveTo = page.stage.goal });
+  if ((await create()).ok) { page.task = "goal"; await ask("regulate", { at: page.stage.goal }); }
 }
 
 async function placeAt(at) {
-  page.driveTo = null;
+  page.task = null;
   settings.start = at;
   writeAddress();
   page.stage.planned = []; page.faults.clear();
@@ -70,7 +70,7 @@ async function followPath(stroke) {
   const answer = await page.robot.call("follow", { points: Float64Array.from(stroke.flat()) });
   page.stage.stroke = answer.ok ? [] : stroke;
   if (answer.ok) {
-    page.driveTo = null; page.stage.goal = null; page.stage.planned = pairs(answer.path);
+    page.task = "path"; page.stage.goal = null; page.stage.planned = pairs(answer.path);
     note("The robot follows the path.");
     run(true);
   } else {
@@ -85,13 +85,13 @@ const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[
 // Place of a refusal: the one of the answer, or the one that its text names.
 function placeIn(answer) {
   if (answer.place && answer.place.every(Number.isFinite)) return answer.place;
-  const found = /\(\s*(-?[0-9.]+)[^,0-9-]*,\s*(-?[0-9.]+)/.exec(answer.message);
+  const found = /x = (-?[0-9.]+) m, y = (-?[0-9.]+) m/.exec(answer.message);
   return found && [Number(found[1]), Number(found[2])];
 }
 
 function drive(speed, curvature) {
-  if (speed === null) return ask("halt");
-  page.driveTo = null; page.stage.planned = [];
+  if (speed === null) { page.task = null; return ask("halt"); }
+  page.task = "hand"; page.stage.planned = [];
   run(true);
   return ask("hold", { speed, curvature });
 }
@@ -105,7 +105,8 @@ async function change(name, value) {
   page.faults.clear();
   showSettings();
   writeAddress();
-  if (answer.ok && page.driveTo) await ask("regulate", { at: page.driveTo });
+  if (answer.ok && page.task === "goal") await ask("regulate", { at: page.stage.goal });
+  else page.task = null;
 }
 
 async function inject(number) {
@@ -131,18 +132,29 @@ async function addDrift() {
 
 // ---- Orders of the tour ----
 
-// The paper's drive with these settings and no others.
-async function experiment(changes) {
+function resetSettings(changes) {
   const { seed } = settings;
   Object.keys(settings).forEach((name) => delete settings[name]);
   Object.assign(settings, { seed }, changes);
+}
+
+// The paper's drive with these settings and no others.
+async function experiment(changes) {
+  resetSettings(changes);
   run(true);
   await begin();
 }
 
 const tourOrders = {
   experiment,
-  curve: () => { page.driveTo = null; run(true); return ask("hold", { speed: 0.75 * page.contract.limits.speed, curvature: 0.7 * page.contract.limits.curvature, seconds: 8 }); },
+  async curve() {
+    resetSettings({});
+    run(true);
+    await create();
+    page.task = "hand"; page.stage.goal = null;
+    const { speed, curvature } = page.contract.limits;
+    return ask("hold", { speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 });
+  },
   async breakGauge() {
     await experiment({});
     await inject(page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge")));
@@ -249,8 +261,8 @@ function frame() {
   showHandle(find("goal-handle"), "Goal", at("goal", page.stage.goal));
   showHandle(find("robot-handle"), "Robot", at("robot", state("truth")));
   page.plots.draw();
-  if (page.turn % 2) drawStrip(find("strip"), page.contract, state("strain"), settings.gauges !== false);
-  if (page.turn % 6 === 0) page.words.show(page.history.latest);
+  if (page.turn % 2) drawStrip(find("strip"), page.contract, state("strain"), page.stage.scale || STRAIN_SCALES[0], settings.gauges !== false);
+  if (page.turn % 6 === 0) page.words.show(page.history.latest, page.task);
   showClock();
   page.busy.push(performance.now() - begin + page.inbox);
   page.inbox = 0;
@@ -278,7 +290,7 @@ function restarted({ message }) {
   errors.push("program: " + message);
   page.history.clear();
   page.stage.clear();
-  page.faults.clear(); page.driveTo = null;
+  page.faults.clear(); page.task = null;
   showSettings();
   note(`The program ended with an error (${message}). A new robot stands at the start.`, true);
 }
@@ -291,7 +303,7 @@ function connect() {
   onClick("play", () => run(!page.running));
   onClick("epoch", () => { run(false); page.robot.call("step"); });
   onClick("draw", () => setDrawing(!page.hands.drawing));
-  onClick("halt", () => { page.driveTo = null; ask("halt"); });
+  onClick("halt", () => { page.task = null; ask("halt"); });
   onClick("nearer", () => zoomBy(1.4));
   onClick("farther", () => zoomBy(1 / 1.4));
   onClick("drift", addDrift);
@@ -299,7 +311,7 @@ function connect() {
   onClick("another", () => { settings.seed = String(BigInt(settings.seed) + 1n); begin(); });
   onClick("defaults", () => { page.trials.clear(); experiment({}); });
   onClick("clear", async () => { if ((await ask("clear")).ok) note("Codes cleared. Set a goal."); });
-  onClick("repair", async () => { page.faults.clear(); page.driveTo = null; await ask("change", { scenario: scenario() }); showFaults(); });
+  onClick("repair", async () => { page.faults.clear(); page.task = null; await ask("change", { scenario: scenario() }); showFaults(); });
   onClick("trials-run", () => page.trials.run(TRIALS, settingsName(), { ...settings, goal: page.stage.goal || settings.goal }));
   onClick("trials-clear", () => page.trials.clear());
   onClick("save-log", () => saveLog(page.history));

@@ -73,15 +73,16 @@ class Plots {
 }
 
 // The strip, straightened, with the strain of each gauge as a bar at its place, and the strip as it is bent.
-function drawStrip(canvas, contract, strains, fitted) {
+function drawStrip(canvas, contract, strains, scale, fitted) {
   const { g, width, height } = surface(canvas), left = 40, right = width - 40, middle = height / 2;
   const X = (place) => left + place / contract.strip_m * (right - left), most = height / 2 - 20;
   g.fillStyle = color("--soft"); g.textAlign = "center";
   g.fillText("rear", left - 20, middle + 4); g.fillText("front", right + 20, middle + 4);
   g.strokeStyle = color("--frame"); g.lineWidth = 5; g.beginPath(); g.moveTo(left, middle); g.lineTo(right, middle); g.stroke();
   if (!fitted) return g.fillText("no gauges", width / 2, middle - 12);
+  g.textAlign = "left"; g.fillText(`full bar: ${label(1e6 * scale, 1)} µm/m`, 4, 12); g.textAlign = "center";
   contract.gauges_m.forEach((place, n) => {
-    const strain = strains[n], tall = Math.max(-1, Math.min(1, strain / BAR_STRAIN)) * most;
+    const strain = strains[n], tall = Math.max(-1, Math.min(1, strain / scale)) * most;
     g.fillStyle = color("--outside");
     if (Number.isFinite(tall)) g.fillRect(X(place) - 6, middle - Math.max(0, tall), 12, Math.abs(tall));
     g.fillStyle = color("--ink");

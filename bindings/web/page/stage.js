@@ -6,8 +6,17 @@ const SIGMAS_95 = 2.448;
 const TRAIL_M = 0.004, TRAIL_POINTS = 3000;
 // Distance between two epochs that is no motion, m, and most lines of the driven path.
 const JUMP_M = 0.03, MOST_LINES = 20;
-// Length of the bar of the strain that the largest steering causes, m, and this strain.
-const BAR_M = 0.1, BAR_STRAIN = 1.5e-3;
+// Length of a full bar of strain, m.
+const BAR_M = 0.1;
+// Strains of a full bar.
+const STRAIN_SCALES = [1e-4, 2e-4, 5e-4, 1e-3, 2e-3];
+
+// Strain of a full bar. It changes late, so that the bars are calm.
+function strainScale(strains, before = STRAIN_SCALES[0]) {
+  const most = strains.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0);
+  if (most <= before && (most > 0.3 * before || before === STRAIN_SCALES[0])) return before;
+  return STRAIN_SCALES.find((scale) => most <= scale) || STRAIN_SCALES[STRAIN_SCALES.length - 1];
+}
 
 class Stage {
   constructor(canvas, contract, layout) {
@@ -122,11 +131,13 @@ class Stage {
 
   // Strains as bars across the frame, at the places of the gauges.
   drawStrains(view, frame, strains) {
-    this.contract.gauges_m.forEach((place, n) => {
-      const at = Math.min(frame.length - 2, Math.max(0, place / this.contract.strip_m * (frame.length - 1)));
+    const { gauges_m: places, strip_m: strip, rigid_m: rigid = 0 } = this.contract;
+    this.scale = strainScale(strains, this.scale);
+    places.forEach((place, n) => {
+      const at = Math.min(frame.length - 1.001, (rigid + place) / (strip + 2 * rigid) * (frame.length - 1));
       const i = Math.floor(at), [a, b] = [frame[i], frame[i + 1]], share = at - i, length = apart(a, b) || 1;
       const foot = [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
-      const by = Math.max(-2, Math.min(2, strains[n] / BAR_STRAIN)) * BAR_M / length;
+      const by = Math.max(-2, Math.min(2, strains[n] / this.scale)) * BAR_M / length;
       if (!Number.isFinite(by)) return;
       drawLine(view, [foot, [foot[0] - by * (b[1] - a[1]), foot[1] + by * (b[0] - a[0])]], color("--outside"), Math.max(2, 0.008 * view.scale));
     });

@@ -1,13 +1,12 @@
 // State and codes in words.
 
-// Sentences for what the robot is doing, by the name of its phase or mode.
-const SENTENCES = {
+// Sentences for the phases of a drive to a goal, and for the modes of a robot without a task.
+const PHASES = {
   stop: "Comes to rest.", plan: "At rest. Looks for a path to the goal.", steer: "Bends the strip for the next arc.",
   segment: "Drives an arc of its plan.", approach: "Drives to the goal.", hold: "At the goal. Checks its place.",
-  done: "Rests at the goal.", gaveup: "Gave up: rests beside the goal.",
-  idle: "Motors off. Waits for a task.", follow: "Follows the path.", track: "Follows the path.", speed: "You drive.",
-  regulate: "Drives to the goal.", clear: "Clears its faults.",
+  done: "Rests at the goal.", gaveup: "Gave up. Rests beside the goal.",
 };
+const MODES = { idle: "Motors off. Waits for a task.", clear: "Motors off. Clears its codes.", hold: "Stands still.", active: "Comes to rest." };
 
 const bare = (name) => String(name || "").toLowerCase().replace(/[^a-z]/g, "");
 
@@ -23,13 +22,17 @@ class Words {
     return this.layout.of(row, name)[0];
   }
 
-  sentence(row) {
+  // `task`: what the visitor has asked for.
+  sentence(row, task) {
     const failed = this.codes.get(this.one(row, "failed"));
     if (failed) return `Stopped: ${failed.name}.`;
-    const mode = bare(this.contract.modes[this.one(row, "mode")]), phase = bare((this.contract.phases || [])[this.one(row, "phase")]);
-    if (mode === "regulate") return SENTENCES[this.one(row, "done") ? "done" : phase] || SENTENCES[mode];
-    if (this.one(row, "done")) return "Task done. Rests.";
-    return SENTENCES[mode] || `Mode ${this.contract.modes[this.one(row, "mode")]}.`;
+    const name = (list, index) => bare((this.contract[list] || [])[this.one(row, index)]), mode = name("modes", "mode");
+    const done = this.one(row, "done") === 1;
+    if (mode === "clear" || mode === "idle" && !done) return MODES[mode];
+    if (task === "goal") return PHASES[done ? "done" : name("phases", "phase")] || "Drives to the goal.";
+    if (task === "path") return done ? "Rests at the end of the path." : "Follows the path.";
+    if (task === "hand") return "You drive.";
+    return MODES[mode] || `Mode ${mode}.`;
   }
 
   // Codes that hold, without repetition: first the failure, then reasons of the nodes, then notices.
@@ -39,8 +42,8 @@ class Words {
     return [...new Set(numbers)].map((number) => this.codes.get(number)).filter(Boolean);
   }
 
-  show(row) {
-    const sentence = this.sentence(row), codes = this.codesOf(row), key = sentence + codes.map((code) => code.code).join(",");
+  show(row, task) {
+    const sentence = this.sentence(row, task), codes = this.codesOf(row), key = sentence + codes.map((code) => code.code).join(",");
     if (key === this.shown) return;
     this.shown = key;
     find("sentence").textContent = sentence;

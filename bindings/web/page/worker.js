@@ -64,11 +64,11 @@ function epoch() {
     if (held.epochs >= held.most) { held = null; web.halt(); }
   }
   const ticks = web.advance(EPOCH_TICKS);
-  observe();
   if (ticks < EPOCH_TICKS) {
     running = false;
     postMessage({ event: "halted", message: message() });
   }
+  observe();
 }
 
 function turn() {
