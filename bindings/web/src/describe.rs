@@ -3,6 +3,7 @@
 use crate::faults::FAULTS;
 use crate::live::Live;
 use core_algos::bus::LeadMode;
+use core_algos::control::regulator::Phase;
 use core_algos::fusion::robot::Mode;
 use core_algos::safety::OperatingState;
 use core_algos::safety::condition::TABLE;
@@ -15,6 +16,18 @@ use host_sim::scenario::Scenario;
 use host_sim::world::body::Body;
 use host_sim::world::{self, NAMES};
 use serde_json::{Value, json};
+
+/// Phases of the regulator, in the order of their numbers.
+const PHASES: [Phase; 8] = [
+    Phase::Stop,
+    Phase::Plan,
+    Phase::Steer,
+    Phase::Segment,
+    Phase::Approach,
+    Phase::Hold,
+    Phase::Done,
+    Phase::GaveUp,
+];
 
 /// First sentence of a world file.
 fn summary(name: &str) -> Result<Value, Error> {
@@ -69,6 +82,10 @@ pub fn json() -> Result<Value, Error> {
         },
         "gauges_m": strip.gauges_m.iter().collect::<Vec<_>>(),
         "strip_m": strip.length_m,
+        "rigid_m": scenario.robot.geometry.rigid_end_m,
+        "world": scenario.world.name,
+        "fusion": scenario.fusion(),
+        "phases": PHASES.map(|phase| format!("{phase:?}").to_lowercase()),
         "mission": {
             "start": mission.start, "goal": mission.goal,
             "tolerance": [mission.tolerance_m, mission.tolerance_rad],

@@ -111,3 +111,66 @@ fn smoothed(points: &[[f64; 2]], passes: usize) -> Vec<[f64; 2]> {
     }
     points
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A circle of 0.8 m to the left, drawn by a hand that shakes by 1 cm.
+    #[test]
+    fn shaky_circle_becomes_a_path_near_the_circle() {
+        let scenario = Scenario::default();
+        let drawn: Vec<[f64; 2]> = (0..200)
+            .map(|k| {
+                let angle = 0.025 * f64::from(k);
+                let radius = 0.8 + 0.01 * libm::sin(7.0 * f64::from(k));
+                [radius * libm::sin(angle), 0.8 - radius * libm::cos(angle)]
+            })
+            .collect();
+        let route = route([0.0; 3], &drawn, &scenario).unwrap();
+        assert!(route.path().max_curvature() <= route.curvature_bound());
+        let length = route.path().length();
+        assert!(
+            (length / (0.8 * 0.025 * 199.0) - 1.0).abs() < 0.05,
+            "{length}"
+        );
+        for sample in route.path().samples() {
+            let off = libm::hypot(sample.x, sample.y - 0.8) - 0.8;
+            assert!(off.abs() < 0.06, "{off} at {} {}", sample.x, sample.y);
+        }
+    }
+
+    #[test]
+    fn path_that_turns_on_the_spot_or_is_too_short_or_too_long_is_refused_with_its_place() {
+        let scenario = Scenario::default();
+        let refusal =
+            |drawn: &[[f64; 2]]| route([0.0; 3], drawn, &scenario).unwrap_err().to_string();
+        let zigzag: Vec<[f64; 2]> = (0..20)
+            .map(|k| [1.0 - f64::from(k % 2), 0.02 * f64::from(k)])
+            .collect();
+        let text = refusal(&zigzag);
+        assert!(
+            text.starts_with("path: ") && text.contains("at s = "),
+            "{text}"
+        );
+        assert!(refusal(&[]).contains("must be longer"));
+        assert!(refusal(&[[0.0, 0.1]]).contains("must be longer"));
+        assert!(refusal(&[[200.0, 0.0]]).contains("must be at most"));
+        assert!(refusal(&[[f64::NAN, 0.0]]).contains("finite"));
+    }
+
+    #[test]
+    fn resampled_points_are_equally_far_apart() {
+        let points = resampled(&[[0.0, 0.0], [0.12, 0.0], [0.12, 0.31], [0.3, 0.31]]).unwrap();
+        assert_eq!(points.len(), 13);
+        for (k, point) in points.iter().enumerate() {
+            let s = SPACING_M * k as f64;
+            let on_line = match s {
+                s if s <= 0.12 => [s, 0.0],
+                s if s <= 0.43 => [0.12, s - 0.12],
+                s => [s - 0.31, 0.31],
+            };
+            assert!(distance(*point, on_line) < 1e-9, "{k}: {point:?}");
+        }
+    }
+}

@@ -318,3 +318,176 @@ impl Live {
         put("notices", &noticed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot(text: &str) -> Live {
+        let scenario = Scenario::parse(None, text, "scenario", &[]).unwrap();
+        Live::new(scenario, 3, 0).unwrap()
+    }
+
+    fn run(robot: &mut Live, seconds: f64) {
+        for _ in 0..(seconds * 1e3) as u32 {
+            robot.step().unwrap();
+        }
+    }
+
+    fn state(robot: &Live, name: &str) -> Vec<f64> {
+        let mut found = Vec::new();
+        robot.visit(&mut |it, values| {
+            if it == name {
+                found.extend(values);
+            }
+        });
+        assert!(!found.is_empty(), "{name}");
+        found
+    }
+
+    fn distance(a: &[f64], b: &[f64]) -> f64 {
+        libm::hypot(a[0] - b[0], a[1] - b[1])
+    }
+
+    #[test]
+    fn goals_follow_each_other_and_a_reached_goal_is_reported() {
+        let mut robot = robot("");
+        for goal in [[0.0; 3], [0.6, 0.3, 0.5]] {
+            robot.regulate(goal).unwrap();
+            run(&mut robot, 30.0);
+            assert_eq!(state(&robot, "done"), [1.0]);
+            assert!(distance(&state(&robot, "truth"), &goal) < 0.1);
+        }
+    }
+
+    #[test]
+    fn changed_settings_keep_truth_estimate_uncertainty_and_time() {
+        let mut robot = robot("");
+        robot.regulate([0.0; 3]).unwrap();
+        run(&mut robot, 30.0);
+        let names = ["truth", "estimate", "time_s"];
+        let before = names.map(|name| state(&robot, name));
+        let spread = state(&robot, "covariance");
+        let without = Scenario::parse(None, "[mission]\nrps = false", "scenario", &[]).unwrap();
+        robot.change(without).unwrap();
+        assert_eq!(state(&robot, "time_s"), before[2]);
+        run(&mut robot, 1.0);
+        for (name, before) in names.iter().zip(&before).take(2) {
+            let after = state(&robot, name);
+            assert!(
+                distance(&after, before) < 1e-4,
+                "{name}: {after:?} {before:?}"
+            );
+            assert!((after[2] - before[2]).abs() < 1e-3, "{name}");
+        }
+        let kept = state(&robot, "covariance");
+        assert!(
+            kept[0] >= 0.9 * spread[0] && kept[2] >= 0.9 * spread[2],
+            "{kept:?} {spread:?}"
+        );
+        assert!(
+            (kept[3] / spread[3] - 1.0).abs() < 0.1,
+            "{kept:?} {spread:?}"
+        );
+    }
+
+    #[test]
+    fn placed_robot_believes_the_posture_and_stands_elsewhere() {
+        let mut robot = robot("");
+        let goal = [0.5, -0.5, 1.0];
+        let mut errors = Vec::new();
+        for _ in 0..2 {
+            robot.place(goal).unwrap();
+            run(&mut robot, 0.5);
+            assert!(distance(&state(&robot, "estimate"), &goal) < 1e-3);
+            errors.push(distance(&state(&robot, "truth"), &goal));
+        }
+        assert!(
+            errors.iter().all(|&error| error > 1e-5 && error < 0.03),
+            "{errors:?}"
+        );
+        assert_ne!(errors[0], errors[1]);
+    }
+
+    #[test]
+    fn several_faults_act_together() {
+        let mut robot = robot("");
+        robot.regulate([0.0; 3]).unwrap();
+        run(&mut robot, 3.0);
+        let number = |name: &str| FAULTS.iter().position(|fault| fault.name == name).unwrap();
+        for name in ["gauge wire breaks", "beam board off", "rear board off"] {
+            robot.fault(number(name)).unwrap();
+        }
+        run(&mut robot, 2.0);
+        let noticed = state(&robot, "notices");
+        let has = |condition: Condition| {
+            let all = Condition::ALL.iter();
+            all.zip(&noticed)
+                .any(|(&it, &set)| it == condition && set == 1.0)
+        };
+        assert!(has(Condition::BeamLost));
+        assert_eq!(state(&robot, "valid"), [0.0], "no report of the rear axle");
+        assert_eq!(
+            state(&robot, "reasons")[0],
+            f64::from(Condition::NeighbourLost.code())
+        );
+    }
+
+    /// At the largest torque the wheels of a robot on ice slip; its acceleration is below friction times gravity.
+    #[test]
+    fn friction_changes_while_the_robot_drives() {
+        let speed_after = |friction: f64| {
+            let mut robot = robot("world = \"ideal\"");
+            robot.friction(friction).unwrap();
+            run(&mut robot, 0.6);
+            for _ in 0..10 {
+                robot.speed(0.25, 0.0).unwrap();
+                run(&mut robot, 0.1);
+            }
+            state(&robot, "speed")[0]
+        };
+        let slippery = speed_after(0.02);
+        assert!(
+            slippery < 9.81 * 0.02 && slippery < 0.9 * speed_after(0.6),
+            "{slippery}"
+        );
+    }
+
+    #[test]
+    fn drift_of_the_gauges_bends_the_measured_frame() {
+        let mut robot = robot("world = \"ideal\"");
+        run(&mut robot, 0.5);
+        let before = state(&robot, "strain");
+        robot.drift_gauges(2e-5).unwrap();
+        run(&mut robot, 0.5);
+        let after = state(&robot, "strain");
+        for k in 0..5 {
+            assert!(
+                (after[k] - before[k] - 2e-5).abs() < 5e-6,
+                "{after:?} {before:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn numbers_outside_their_range_are_refused_by_name() {
+        let mut robot = robot("");
+        let text = |result: Result<(), Error>| result.unwrap_err().to_string();
+        for (text, start) in [
+            (
+                text(robot.regulate([0.0, f64::NAN, 0.0])),
+                "y = NaN: must be",
+            ),
+            (text(robot.place([99.0, 0.0, 0.0])), "x = 99: must be"),
+            (text(robot.friction(0.0)), "friction = 0: must be"),
+            (text(robot.drift_gauges(1.0)), "strain = 1: must be"),
+            (
+                text(robot.speed(f64::INFINITY, 0.0)),
+                "speed = inf: must be",
+            ),
+            (text(robot.fault(FAULTS.len())), "fault = "),
+        ] {
+            assert!(text.starts_with(start), "{text}");
+        }
+    }
+}
