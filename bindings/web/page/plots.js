@@ -80,7 +80,7 @@ function drawStrip(canvas, contract, strains, scale, fitted) {
   g.fillText("rear", left - 20, middle + 4); g.fillText("front", right + 20, middle + 4);
   g.strokeStyle = color("--frame"); g.lineWidth = 5; g.beginPath(); g.moveTo(left, middle); g.lineTo(right, middle); g.stroke();
   if (!fitted) return g.fillText("no gauges", width / 2, middle - 12);
-  g.textAlign = "left"; g.fillText(`full bar: ${label(1e6 * scale, 1)} µm/m`, 4, 12); g.textAlign = "center";
+  g.textAlign = "left"; g.fillText(`full bar: ${label(1e6 * scale, 1)} µm/m`, 4, height - 4); g.textAlign = "center";
   contract.gauges_m.forEach((place, n) => {
     const strain = strains[n], tall = Math.max(-1, Math.min(1, strain / scale)) * most;
     g.fillStyle = color("--outside");

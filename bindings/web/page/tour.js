@@ -19,8 +19,8 @@ const TOUR = [
     action: "Break a gauge", act: (orders) => orders.breakGauge(),
   },
   {
-    text: "On a slippery floor the wheels turn more than the robot moves, and the strip contradicts the wheels: see the plot of their disagreement.",
-    action: "Make the floor slippery", act: (orders) => orders.experiment({ friction: 0.08 }),
+    text: "On a slippery floor the wheels slip and the strip contradicts them: the robot notices this, stops, and shows its code and advice.",
+    action: "Make the floor slippery", act: (orders) => orders.experiment({ friction: 0.2 }),
   },
   {
     text: "The paper's experiment drives many robots, each a little different, from one start to one goal, first without and then with gauges: compare the two clouds.",

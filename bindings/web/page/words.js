@@ -24,8 +24,8 @@ class Words {
 
   // `task`: what the visitor has asked for.
   sentence(row, task) {
-    const failed = this.codes.get(this.one(row, "failed"));
-    if (failed) return `Stopped: ${failed.name}.`;
+    const stopped = this.stopCode(row);
+    if (stopped) return `Stopped: ${stopped.name}.`;
     const name = (list, index) => bare((this.contract[list] || [])[this.one(row, index)]), mode = name("modes", "mode");
     const done = this.one(row, "done") === 1;
     if (mode === "clear" || mode === "idle" && !done) return MODES[mode];
@@ -33,6 +33,14 @@ class Words {
     if (task === "path") return done ? "Rests at the end of the path." : "Follows the path.";
     if (task === "hand") return "You drive.";
     return MODES[mode] || `Mode ${mode}.`;
+  }
+
+  // Code that stopped the robot: rather a cause than its consequence in another node.
+  stopCode(row) {
+    const failed = this.codes.get(this.one(row, "failed"));
+    if (failed) return failed;
+    const stops = this.codesOf(row).filter((code) => code.class === "stop" || code.class === "cut");
+    return stops.find((code) => code.name !== "neighbour stopped") || stops[0];
   }
 
   // Codes that hold, without repetition: first the failure, then reasons of the nodes, then notices.
