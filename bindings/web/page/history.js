@@ -5,6 +5,8 @@ const MOST_ROWS = 20000;
 class History {
   constructor(layout) {
     this.layout = layout;
+    // State of the latest epoch; it stays until the next one comes.
+    this.latest = null;
     this.clear();
   }
 
@@ -13,7 +15,6 @@ class History {
     this.length = 0;
     this.stride = 1;
     this.seen = 0;
-    this.latest = null;
   }
 
   add(all, count) {
