@@ -74,18 +74,18 @@ async function followPath(stroke) {
     note("The robot follows the path.");
     run(true);
   } else {
-    note("Path refused: " + answer.message, true);
-    page.stage.refusal = { at: placeIn(answer) || stroke[0], text: answer.message };
+    const reason = answer.message.replace(/^path: /, "");
+    note("Path refused: " + reason, true);
+    page.stage.refusal = { at: placeIn(reason) || stroke[0], text: reason };
   }
   dirty();
 }
 
 const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
 
-// Place of a refusal: the one of the answer, or the one that its text names.
-function placeIn(answer) {
-  if (answer.place && answer.place.every(Number.isFinite)) return answer.place;
-  const found = /x = (-?[0-9.]+) m, y = (-?[0-9.]+) m/.exec(answer.message);
+// Place that a refusal names, m.
+function placeIn(text) {
+  const found = /x = (-?[0-9.]+) m, y = (-?[0-9.]+) m/.exec(text);
   return found && [Number(found[1]), Number(found[2])];
 }
 

@@ -29,7 +29,7 @@ function scenario(of = settings) {
 
 // The address keeps seed and scenario: `#seed=3&gauges=false&goal=1,0,0.5`.
 function writeAddress() {
-  const parts = Object.entries(settings).filter(([, value]) => value !== undefined);
+  const parts = ["seed", ...Object.keys(KEYS)].map((name) => [name, settings[name]]).filter(([, value]) => value !== undefined);
   const text = (value) => (Array.isArray(value) ? value.map((x) => Math.round(x * 1e4) / 1e4).join(",") : String(value));
   const hash = "#" + parts.map(([name, value]) => `${name}=${text(value)}`).join("&");
   if (hash !== window.location.hash) window.history.replaceState(null, "", hash);
