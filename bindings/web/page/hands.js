@@ -1,11 +1,9 @@
-// Hands on the scene: drag the goal, the robot or the floor, draw a path, and move goal and robot by arrow keys.
+// Hands on the scene: drag the goal, the robot or the floor, and draw a path.
 
 // Radius of a grip, CSS pixels; larger for fingers.
 const GRIP = { mouse: 16, touch: 26 };
 // Distance between points of a drawn path, m.
 const STROKE_M = 0.01;
-// Movement and turn of an arrow key.
-const NUDGE_M = 0.05, NUDGE_RAD = Math.PI / 36;
 
 class Hands {
   // `orders` has goal(at), place(at), path(points), say(kind, at) and dirty().
@@ -24,8 +22,8 @@ class Hands {
     canvas.addEventListener("dblclick", (event) => this.goalHere(event));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.cancel(); });
-    this.handle(find("goal-handle"), "goal", () => stage.goal, (at) => orders.goal(at));
-    this.handle(find("robot-handle"), "robot", truth, (at) => orders.place(at));
+    new Handle(find("goal-handle"), "goal", this, () => stage.goal, (at) => orders.goal(at));
+    new Handle(find("robot-handle"), "robot", this, truth, (at) => orders.place(at));
   }
 
   pixel(event) {
@@ -110,7 +108,7 @@ class Hands {
     stage.ghost = null;
     const still = ghost && apart(ghost.at, held.start) < 1e-6 && ghost.at[2] === held.start[2];
     if (held.kind === "path") this.orders.path(stroke);
-    else if (held.kind === "goal" && !still) this.orders.goal(ghost.at);
+    else if (held.kind === "goal") this.orders.goal(ghost.at);
     else if (held.kind === "robot" && !still) this.orders.place(ghost.at);
     this.orders.dirty();
   }
@@ -135,28 +133,5 @@ class Hands {
     this.stage.zoom(Math.exp(-0.01 * event.deltaY), this.stage.view.ground(...this.pixel(event)));
     find("view").value = "free";
     this.orders.dirty();
-  }
-
-  // Button above the scene that arrow keys move: Shift moves less, Q and E turn, Enter carries out.
-  handle(button, kind, real, order) {
-    const show = (at) => { this.stage.ghost = at && { kind, at }; this.orders.dirty(); };
-    const current = () => (this.stage.ghost && this.stage.ghost.kind === kind ? this.stage.ghost.at : real() && Array.from(real()));
-    const finish = () => {
-      const ghost = this.stage.ghost;
-      if (ghost && ghost.kind === kind && !this.held) { show(null); order(ghost.at); }
-    };
-    button.addEventListener("keydown", (event) => {
-      const at = current(), less = event.shiftKey ? 0.2 : 1, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-      if (!at) return;
-      const moves = {
-        ArrowLeft: [-NUDGE_M, 0, 0], ArrowRight: [NUDGE_M, 0, 0], ArrowUp: [0, NUDGE_M, 0], ArrowDown: [0, -NUDGE_M, 0],
-        q: [0, 0, NUDGE_RAD], e: [0, 0, -NUDGE_RAD],
-      };
-      if (moves[key]) { event.preventDefault(); event.stopPropagation(); show(at.map((value, k) => value + less * moves[key][k])); this.orders.say(kind, this.stage.ghost.at); }
-      if (key === "Enter" || key === " ") { event.preventDefault(); event.stopPropagation(); finish(); }
-      if (key === "Escape") show(null);
-    });
-    // Leaving the handle carries out what was moved.
-    button.addEventListener("blur", finish);
   }
 }

@@ -29,6 +29,7 @@ async function ask(action, details) {
 
 async function create() {
   page.generation += 1;
+  note("");
   page.history.clear();
   page.stage.clear();
   page.stage.planned = []; page.stage.refusal = null;
@@ -60,8 +61,15 @@ async function placeAt(at) {
   settings.start = at;
   writeAddress();
   page.stage.planned = []; page.faults.clear();
-  if ((await ask("place", { at })).ok) note(`Robot placed: ${posture(at)}. Set a goal.`);
+  if ((await ask("place", { at })).ok) note(`Robot placed: ${posture(at)}. Move or press the goal to drive.`);
+  await restore();
   showFaults();
+}
+
+// Friction and drift that were set without interruption end with the simulation that had them.
+async function restore() {
+  if (settings.friction !== undefined) await ask("friction", { value: settings.friction });
+  if (page.drift) await ask("drift", { strain: page.drift });
 }
 
 async function followPath(stroke) {
@@ -70,7 +78,7 @@ async function followPath(stroke) {
   const answer = await page.robot.call("follow", { points: Float64Array.from(stroke.flat()) });
   page.stage.stroke = answer.ok ? [] : stroke;
   if (answer.ok) {
-    page.task = "path"; page.stage.goal = null; page.stage.planned = pairs(answer.path);
+    page.task = "path"; page.stage.planned = pairs(answer.path);
     note("The robot follows the path.");
     run(true);
   } else {
@@ -103,6 +111,7 @@ async function change(name, value) {
   const answer = await ask("change", { scenario: scenario() });
   if (!answer.ok) settings[name] = before;
   page.faults.clear();
+  if (answer.ok) await restore();
   showSettings();
   writeAddress();
   if (answer.ok && page.task === "goal") await ask("regulate", { at: page.stage.goal });
@@ -151,7 +160,7 @@ const tourOrders = {
     resetSettings({});
     run(true);
     await create();
-    page.task = "hand"; page.stage.goal = null;
+    page.task = "hand";
     const { speed, curvature } = page.contract.limits;
     return ask("hold", { speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 });
   },
@@ -311,8 +320,8 @@ function connect() {
   onClick("another", () => { settings.seed = String(BigInt(settings.seed) + 1n); begin(); });
   onClick("defaults", () => { page.trials.clear(); experiment({}); });
   onClick("clear", async () => { if ((await ask("clear")).ok) note("Codes cleared. Set a goal."); });
-  onClick("repair", async () => { page.faults.clear(); page.task = null; await ask("change", { scenario: scenario() }); showFaults(); });
-  onClick("trials-run", () => page.trials.run(TRIALS, settingsName(), { ...settings, goal: page.stage.goal || settings.goal }));
+  onClick("repair", async () => { page.faults.clear(); page.task = null; await ask("change", { scenario: scenario() }); await restore(); showFaults(); });
+  onClick("trials-run", () => page.trials.run(TRIALS, settingsName(), { ...settings }));
   onClick("trials-clear", () => page.trials.clear());
   onClick("save-log", () => saveLog(page.history));
   onClick("save-picture", () => savePicture(find("scene")));

@@ -9,7 +9,7 @@ const JUMP_M = 0.03, MOST_LINES = 20;
 // Length of a full bar of strain, m.
 const BAR_M = 0.1;
 // Strains of a full bar.
-const STRAIN_SCALES = [1e-4, 2e-4, 5e-4, 1e-3, 2e-3];
+const STRAIN_SCALES = [1e-4, 2e-4, 5e-4, 1e-3, 1.5e-3];
 
 // Strain of a full bar. It changes late, so that the bars are calm.
 function strainScale(strains, before = STRAIN_SCALES[0]) {
