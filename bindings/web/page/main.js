@@ -5,6 +5,8 @@ const PACES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 const DRIFT = 20e-6;
 // Shown before a visitor chooses; never written.
 const DEFAULTS = { world: "careful", fusion: "joint" };
+// Friction of the tour's slippery floor, and the time at which the robot comes to it, s.
+const SLIPPERY = 0.08, SLIP_AT_S = 4;
 // Frames of which the busy time is kept.
 const BUSY_FRAMES = 300;
 
@@ -150,14 +152,29 @@ function resetSettings(changes) {
 // The paper's drive with these settings and no others.
 async function experiment(changes) {
   resetSettings(changes);
+  showPart("all");
   run(true);
   await begin();
+}
+
+// True when this robot has reached a time; false if another robot was made.
+function reached(time) {
+  const { generation } = page;
+  return new Promise((resolve) => {
+    const poll = () => {
+      if (generation !== page.generation) resolve(false);
+      else if (state("time_s")[0] >= time) resolve(true);
+      else setTimeout(poll, 20);
+    };
+    poll();
+  });
 }
 
 const tourOrders = {
   experiment,
   async curve() {
     resetSettings({});
+    showPart("robot");
     run(true);
     await create();
     page.task = "hand";
@@ -167,6 +184,10 @@ const tourOrders = {
   async breakGauge() {
     await experiment({});
     await inject(page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge")));
+  },
+  async slip() {
+    await experiment({});
+    if (await reached(SLIP_AT_S)) await setFriction(SLIPPERY);
   },
   async paper() {
     const seed = { seed: settings.seed };
@@ -181,6 +202,12 @@ const tourOrders = {
 function run(on) {
   if (page.running !== on) { page.running = on; page.robot.call("run", { on }); page.mark = null; }
   find("play").textContent = on ? "Pause" : "Play";
+  dirty();
+}
+
+// Part of the floor that the scene shows.
+function showPart(name) {
+  find("view").value = page.stage.follow = name;
   dirty();
 }
 
@@ -325,7 +352,7 @@ function connect() {
   onClick("trials-clear", () => page.trials.clear());
   onClick("save-log", () => saveLog(page.history));
   onClick("save-picture", () => savePicture(find("scene")));
-  find("view").addEventListener("change", () => { page.stage.follow = find("view").value; dirty(); });
+  find("view").addEventListener("change", () => showPart(find("view").value));
   find("pace").addEventListener("change", () => setPace(Number(find("pace").value)));
   find("window").addEventListener("change", () => page.plots.drawAll());
   find("gauges").addEventListener("change", () => change("gauges", find("gauges").checked));

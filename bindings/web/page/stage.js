@@ -67,7 +67,7 @@ class Stage {
   // The part of the floor that is to be seen.
   wanted(row) {
     const truth = this.layout.of(row, "truth");
-    if (this.follow === "robot") return [truth[0] - 0.42, truth[1] - 0.42, truth[0] + 0.42, truth[1] + 0.42];
+    if (this.follow === "robot") return [truth[0] - 0.5, truth[1] - 0.5, truth[0] + 0.5, truth[1] + 0.5];
     const points = [truth, ...this.trails.truth.flat(), ...this.planned, ...this.clouds.flatMap((cloud) => cloud.points)];
     if (this.goal) points.push(this.goal);
     const margin = 0.4;

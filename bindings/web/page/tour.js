@@ -20,7 +20,7 @@ const TOUR = [
   },
   {
     text: "On a slippery floor the wheels slip and the strip contradicts them: the robot notices this, stops, and shows its code and advice.",
-    action: "Make the floor slippery", act: (orders) => orders.experiment({ friction: 0.2 }),
+    action: "Make the floor slippery", act: (orders) => orders.slip(),
   },
   {
     text: "The paper's experiment drives many robots, each a little different, from one start to one goal, first without and then with gauges: compare the two clouds.",
