@@ -18,7 +18,7 @@ class Hands {
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.up(event));
-    canvas.addEventListener("pointercancel", () => this.cancel());
+    canvas.addEventListener("pointercancel", (event) => { this.pointers.delete(event.pointerId); this.cancel(); });
     canvas.addEventListener("dblclick", (event) => this.goalHere(event));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.cancel(); });
@@ -50,6 +50,7 @@ class Hands {
     const pixel = this.pixel(event), ground = this.stage.view.ground(...pixel);
     this.pointers.set(event.pointerId, pixel);
     this.stage.refusal = null;
+    this.stage.stroke = [];
     if (this.pointers.size === 2) return this.cancel();
     if (this.pointers.size > 2) return;
     if (this.drawing) {

@@ -131,7 +131,7 @@ class Stage {
 
   // Strains as bars across the frame, at the places of the gauges.
   drawStrains(view, frame, strains) {
-    const { gauges_m: places, strip_m: strip, rigid_m: rigid = 0 } = this.contract;
+    const { gauges_m: places, strip_m: strip, rigid_m: rigid } = this.contract;
     this.scale = strainScale(strains, this.scale);
     places.forEach((place, n) => {
       const at = Math.min(frame.length - 1.001, (rigid + place) / (strip + 2 * rigid) * (frame.length - 1));

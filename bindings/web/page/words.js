@@ -26,7 +26,7 @@ class Words {
   sentence(row, task) {
     const stopped = this.stopCode(row);
     if (stopped) return `Stopped: ${stopped.name}.`;
-    const name = (list, index) => bare((this.contract[list] || [])[this.one(row, index)]), mode = name("modes", "mode");
+    const name = (list, index) => bare(this.contract[list][this.one(row, index)]), mode = name("modes", "mode");
     const done = this.one(row, "done") === 1;
     if (mode === "clear" || mode === "idle" && !done) return MODES[mode];
     if (task === "goal") return PHASES[done ? "done" : name("phases", "phase")] || "Drives to the goal.";
