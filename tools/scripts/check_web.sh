@@ -15,9 +15,9 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
     exit 1
   }
 fi
-cargo build --quiet --locked --release --package web --lib --target "$target"
+cargo build --quiet --locked --profile web --package web --lib --target "$target"
 if [ -z "${CFMMR_BUILT:-}" ]; then
   cargo build --quiet --locked --release --package web --example native
 fi
 target/release/examples/native >target/web.txt
-node bindings/web/compare.mjs "target/$target/release/web.wasm" target/web.txt
+node bindings/web/compare.mjs "target/$target/web/web.wasm" target/web.txt

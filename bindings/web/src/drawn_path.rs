@@ -9,31 +9,29 @@ use host_sim::scenario::Scenario;
 const SPACING_M: f64 = 0.05;
 /// Number of resampled points from one waypoint to the next.
 const STRIDE: usize = 5;
-/// Numbers of smoothing passes, tried in this order. A pass moves each point half the distance to the middle of its
-/// neighbours, so n passes smooth over √(n/2) spacings.
-const PASSES: [usize; 6] = [4, 16, 40, 80, 160, 320];
+/// Lengths over which the path is smoothed, tried in this order, m.
+const SMOOTHING_M: [f64; 7] = [0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8];
 /// Longest drawn path, m.
 const MAX_LENGTH_M: f64 = 100.0;
-/// Length of the straight beginning of the path, m.
-const LEAD_IN_M: f64 = 0.2;
+/// Length at the beginning in which the robot's heading decides, m.
+const LEAD_IN_M: f64 = 0.1;
 
 /// Path from the posture `at` through the points `drawn` (m). The least smoothing that the frame allows is used; the
 /// error names place and reason where no smoothing is enough.
 pub fn route(at: [f64; 3], drawn: &[[f64; 2]], scenario: &Scenario) -> Result<Route, Error> {
     let (sin, cos) = libm::sincos(at[2]);
-    let ahead = |distance: f64| [at[0] + distance * cos, at[1] + distance * sin];
-    let lead_in = [ahead(0.0), ahead(0.5 * LEAD_IN_M), ahead(LEAD_IN_M)];
-    // What is drawn beside or behind the straight beginning is left out.
-    let before = |point: &&[f64; 2]| distance(**point, lead_in[0]) < LEAD_IN_M;
-    let rest = drawn.iter().skip_while(before);
+    let lead_in = [0.0, LEAD_IN_M].map(|s| [at[0] + s * cos, at[1] + s * sin]);
+    // What is drawn around the robot is left out.
+    let near = |point: &&[f64; 2]| distance(**point, lead_in[0]) < LEAD_IN_M;
+    let rest = drawn.iter().skip_while(near);
     let points: Vec<[f64; 2]> = lead_in.into_iter().chain(rest.copied()).collect();
     let points = resampled(&points)?;
     let mut refused = Error::input("path: must be longer than 0.3 m");
     if points.len() <= STRIDE + 1 {
         return Err(refused);
     }
-    for passes in PASSES {
-        match smooth_route(at, &points, passes, scenario) {
+    for length_m in SMOOTHING_M {
+        match smooth_route(at, &points, length_m, scenario) {
             Ok(route) => return Ok(route),
             Err(error) => refused = Error::input(format!("path: {error}")),
         }
@@ -44,10 +42,10 @@ pub fn route(at: [f64; 3], drawn: &[[f64; 2]], scenario: &Scenario) -> Result<Ro
 fn smooth_route(
     at: [f64; 3],
     points: &[[f64; 2]],
-    passes: usize,
+    length_m: f64,
     scenario: &Scenario,
 ) -> Result<Route, PathError> {
-    let points = smoothed(points, passes);
+    let points = smoothed(points, length_m);
     let last = points.len() - 1;
     let chosen = (0..last)
         .step_by(STRIDE)
@@ -96,20 +94,65 @@ fn resampled(points: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, Error> {
     Ok(found)
 }
 
-/// Points after smoothing; both ends and the straight beginning stay.
-fn smoothed(points: &[[f64; 2]], passes: usize) -> Vec<[f64; 2]> {
-    let fixed = (LEAD_IN_M / SPACING_M) as usize;
-    let mut points = points.to_vec();
-    for _ in 0..passes {
-        let before = points.clone();
-        for i in fixed..points.len().saturating_sub(1) {
-            for k in 0..2 {
-                let middle = 0.5 * (before[i - 1][k] + before[i + 1][k]);
-                points[i][k] = 0.5 * (before[i][k] + middle);
+/// Points p that minimise Σ|p − points|² + λ Σ|second difference of p|² with λ = (length/spacing)⁴ (Whittaker 1923).
+/// Position and direction of the beginning, and the end, stay.
+fn smoothed(points: &[[f64; 2]], length_m: f64) -> Vec<[f64; 2]> {
+    /// Weight of a point that stays.
+    const FIXED: f64 = 1e9;
+    let count = points.len();
+    let lambda = libm::pow(length_m / SPACING_M, 4.0);
+    // Diagonals of the matrix, and its factors L D Lᵀ in their place.
+    let mut diagonal = vec![1.0; count];
+    let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
+    for i in (0..2).chain([count - 1]) {
+        diagonal[i] = FIXED;
+    }
+    let weights = diagonal.clone();
+    for i in 0..count - 2 {
+        for (offset, value) in [(0, 1.0), (1, 4.0), (2, 1.0)] {
+            diagonal[i + offset] += lambda * value;
+        }
+        first[i] -= 2.0 * lambda;
+        first[i + 1] -= 2.0 * lambda;
+        second[i] += lambda;
+    }
+    for i in 0..count {
+        let (f, s, d) = (first[i], second[i], diagonal[i]);
+        if i + 1 < count {
+            diagonal[i + 1] -= f * f / d;
+            first[i + 1] -= f * s / d;
+        }
+        if i + 2 < count {
+            diagonal[i + 2] -= s * s / d;
+        }
+        (first[i], second[i]) = (f / d, s / d);
+    }
+    let mut solved: Vec<[f64; 2]> = points.to_vec();
+    for k in 0..2 {
+        for i in 0..count {
+            solved[i][k] *= weights[i];
+        }
+        for i in 0..count {
+            let value = solved[i][k];
+            if i + 1 < count {
+                solved[i + 1][k] -= first[i] * value;
+            }
+            if i + 2 < count {
+                solved[i + 2][k] -= second[i] * value;
             }
         }
+        for i in (0..count).rev() {
+            let mut value = solved[i][k] / diagonal[i];
+            if i + 1 < count {
+                value -= first[i] * solved[i + 1][k];
+            }
+            if i + 2 < count {
+                value -= second[i] * solved[i + 2][k];
+            }
+            solved[i][k] = value;
+        }
     }
-    points
+    solved
 }
 
 #[cfg(test)]
@@ -157,6 +200,26 @@ mod tests {
         assert!(refusal(&[[0.0, 0.1]]).contains("must be longer"));
         assert!(refusal(&[[200.0, 0.0]]).contains("must be at most"));
         assert!(refusal(&[[f64::NAN, 0.0]]).contains("finite"));
+    }
+
+    /// At the minimum the gradient is zero: p − points + λ Dᵀ D p, with D the second difference.
+    #[test]
+    fn smoothed_points_minimise_distance_and_bending_and_keep_the_ends() {
+        let points: Vec<[f64; 2]> = (0..40)
+            .map(|k| [0.05 * f64::from(k), 0.1 * libm::sin(1.7 * f64::from(k))])
+            .collect();
+        let length_m = 0.15;
+        let lambda = libm::pow(length_m / SPACING_M, 4.0);
+        let p = smoothed(&points, length_m);
+        for i in [0, 1, 39] {
+            assert!(distance(p[i], points[i]) < 1e-6, "{i}");
+        }
+        let bend = |i: usize| p[i][1] - 2.0 * p[i + 1][1] + p[i + 2][1];
+        for i in 2..37 {
+            let gradient =
+                p[i][1] - points[i][1] + lambda * (bend(i - 2) - 2.0 * bend(i - 1) + bend(i));
+            assert!(gradient.abs() < 1e-9, "{i}: {gradient}");
+        }
     }
 
     #[test]

@@ -19,6 +19,7 @@
 //! | [`drive`]`(bytes, seed)` | epochs of a script; the buffer holds a scenario of that many bytes, then the script |
 //! | [`hashes`]`()` | pointer to a 64-bit hash for each epoch of the latest run |
 //! | [`outcome`]`(seed, trial)` | numbers of the end of a posture regulation |
+//! | [`drive_plant`]`(ticks)` | the plant alone, without sensors and boards, for comparisons of speed |
 //!
 //! A robot in progress. A call that refuses gives 0:
 //!
@@ -30,6 +31,7 @@
 //! | [`advance`]`(ticks)` | gives the ticks of 1 ms that were done |
 //! | [`state`]`()` | numbers of the latest state |
 //! | [`regulate`]`(x, y, phi)`, [`follow`]`(points)`, [`speed`]`(v, curvature)`, [`halt`]`()`, [`clear`]`()` | tasks |
+//! | [`planned`]`()` | points of the planned path |
 //! | [`fault`]`(number)`, [`friction`]`(mu)`, [`gauge_drift`]`(strain)` | faults and changes without interruption |
 
 mod describe;
@@ -44,7 +46,7 @@ use host_sim::run::end::EndKind;
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Record;
 use host_sim::run::script;
-use host_sim::run::simulation::Simulation;
+use host_sim::run::simulation::{DrawnPlant, Simulation};
 use host_sim::scenario::Scenario;
 use live::Live;
 use std::cell::RefCell;
@@ -213,6 +215,21 @@ pub extern "C" fn outcome(seed: u64, trial: u64) -> usize {
     })
 }
 
+/// Drives the plant of the scenario in the text buffer by changing torques for a number of ticks; gives that number.
+#[unsafe(no_mangle)]
+pub extern "C" fn drive_plant(ticks: usize) -> usize {
+    counted(|host| {
+        let scenario = host.scenario()?;
+        let drawn = scenario.world.draw(scenario.robot.topology(), 1, 0);
+        let mut plant = DrawnPlant::new(&scenario, &drawn)?.plant;
+        for tick in 0..ticks {
+            let torque = 0.5 * libm::sin(1e-3 * tick as f64);
+            plant.step(&[[torque, 0.8 * torque], [torque, torque]]);
+        }
+        Ok(ticks)
+    })
+}
+
 /// Creates a robot at rest at the start of the scenario in the text buffer.
 #[unsafe(no_mangle)]
 pub extern "C" fn create(seed: u64, trial: u64) -> usize {
@@ -269,15 +286,23 @@ pub extern "C" fn regulate(x: f64, y: f64, phi: f64) -> usize {
     on_robot(|robot| robot.regulate([x, y, phi]))
 }
 
-/// Follows the path through `points` points in the buffer of numbers, x and y of each (m). The points of the planned
-/// path replace them; gives their number.
+/// Follows the path through `points` points in the buffer of numbers, x and y of each (m), once the robot rests.
 #[unsafe(no_mangle)]
 pub extern "C" fn follow(points: usize) -> usize {
     counted(|host| {
         let (drawn, _) = host.numbers.as_chunks::<2>();
         let drawn = drawn.get(..points).unwrap_or(drawn).to_vec();
-        let planned = host.robot()?.follow(&drawn)?;
-        host.numbers = planned.into_iter().flatten().collect();
+        host.robot()?.follow(&drawn).map(|()| 1)
+    })
+}
+
+/// Puts the planned path into the buffer of numbers, x and y of each point (m); gives the number of points. 0 with a
+/// message if the robot could not begin its path. The path changes with the number `plans` of the state.
+#[unsafe(no_mangle)]
+pub extern "C" fn planned() -> usize {
+    counted(|host| {
+        let planned = host.robot()?.planned()?.as_flattened().to_vec();
+        host.numbers = planned;
         Ok(host.numbers.len() / 2)
     })
 }

@@ -4,7 +4,7 @@ use core_algos::config::ConfigError;
 use std::fmt;
 
 /// Failure of a command, with the kind that selects the exit code.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub enum Error {
     /// Invalid user input; the text names the field, the value and the allowed range.
     Input(String),
