@@ -30,7 +30,7 @@ async function start() {
     return;
   }
   const module = await unpack();
-  page.robot = new Simulation({ rows: takeRows, halted, restarted, error: ({ message }) => report("Worker: " + message) });
+  page.robot = new Simulation({ rows: takeRows, planned, halted, restarted, error: ({ message }) => report("Worker: " + message) });
   const { contract } = await page.robot.call("load", { module });
   page.contract = contract;
   readAddress(contract);

@@ -54,14 +54,25 @@ async function followPath(stroke) {
   const answer = await page.robot.call("follow", { points: Float64Array.from(stroke.flat()) });
   page.stage.stroke = answer.ok ? [] : stroke;
   if (answer.ok) {
-    page.task = "path"; page.stage.planned = pairs(answer.path);
-    note("The robot follows the path.");
+    page.task = "path";
+    note("The robot follows the path. It begins at rest.");
     run(true);
   } else {
-    const reason = answer.message.replace(/^path: /, "");
-    note("Path refused: " + reason, true);
-    page.stage.refusal = { at: placeIn(reason) || stroke[0], text: reason };
+    refuse(answer.message, stroke[0]);
   }
+  dirty();
+}
+
+function refuse(message, place) {
+  const reason = message.replace(/^path: /, "");
+  note("Path refused: " + reason, true);
+  page.stage.refusal = { at: placeIn(reason) || place, text: reason };
+}
+
+// The path as the robot has planned it, or the reason why it could not begin it.
+function planned({ path, message }) {
+  page.stage.planned = pairs(path);
+  if (message) { page.task = null; refuse(message, Array.from(state("truth"))); }
   dirty();
 }
 

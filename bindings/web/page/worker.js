@@ -10,6 +10,8 @@ const TURN_MS = 8, BUDGET_MS = 14;
 const REPEAT_EPOCHS = 5;
 
 let module, web, width = 0;
+// Number of the planned path, and its place in a state.
+let plans = 0, plansAt;
 let setup = { seed: "1", trial: "0", scenario: "" };
 let running = false, pace = 1, due = 0, last = 0, held = null;
 let rows = [];
@@ -45,16 +47,21 @@ function instance() {
 
 function create() {
   write(setup.scenario);
-  held = null; due = 0; rows = [];
+  held = null; due = 0; rows = []; plans = 0;
   const answer = done(web.create(BigInt(setup.seed), BigInt(setup.trial)));
   if (answer.ok) observe();
   return answer;
 }
 
-// Keeps the state of the latest epoch for the page.
+// Keeps the state of the latest epoch for the page, and the planned path if it has changed.
 function observe() {
   width = web.state();
-  rows.push(numbers(width).slice());
+  const row = numbers(width).slice();
+  rows.push(row);
+  if (row[plansAt] === plans) return;
+  plans = row[plansAt];
+  const count = web.planned(), refusal = count ? "" : message();
+  postMessage({ event: "planned", path: numbers(2 * count).slice(), message: refusal });
 }
 
 function epoch() {
@@ -113,7 +120,9 @@ const actions = {
   load(details) {
     module = details.module;
     instance();
-    return { ok: true, contract: JSON.parse(read(web.describe())) };
+    const contract = JSON.parse(read(web.describe())), place = contract.state.findIndex(([name]) => name === "plans");
+    plansAt = contract.state.slice(0, place).reduce((sum, [, count]) => sum + count, 0);
+    return { ok: true, contract };
   },
   create(details) {
     setup = { ...details, created: true };
@@ -139,9 +148,9 @@ const actions = {
   follow({ points }) {
     held = null;
     numbers(points.length).set(points);
-    const count = web.follow(points.length / 2);
-    if (!count) return { ok: false, message: message() };
-    return { ok: true, path: numbers(2 * count).slice() };
+    const answer = done(web.follow(points.length / 2));
+    if (answer.ok) observe();
+    return answer;
   },
   hold({ speed, curvature, seconds = Infinity }) {
     const answer = done(web.speed(speed, curvature));
