@@ -4,7 +4,7 @@
 const BUSY_FRAMES = 300;
 
 function run(on) {
-  if (page.running !== on) { page.running = on; page.robot.call("run", { on }); page.mark = null; }
+  if (page.running !== on) { page.running = on; page.robot.call("run", { on }); page.mark = null; page.rate = 0; }
   find("play").textContent = on ? "Pause" : "Play";
   dirty();
 }
@@ -16,7 +16,7 @@ function showPart(name) {
 }
 
 function setPace(value) {
-  page.pace = value; page.mark = null;
+  page.pace = value; page.mark = null; page.rate = 0;
   find("pace").value = String(value);
   page.robot.call("pace", { value });
 }
