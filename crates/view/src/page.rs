@@ -1,6 +1,6 @@
 //! Report page: a run as one self-contained HTML file.
 //!
-//! `page.html` beside this file is the template. The data of a run are inserted as JSON, with at most `MOST_SAMPLES`
+//! `page.html` beside this file is the template; `base.css`, `scene.js` and `chart.js` are shared with the browser page. The data of a run are inserted as JSON, with at most `MOST_SAMPLES`
 //! samples, about 50 per second.
 
 use crate::style;
@@ -20,10 +20,12 @@ use serde_json::json;
 const PAGE: &str = include_str!("page.html");
 /// Placeholder of the data in the template.
 const DATA: &str = "/*DATA*/";
-/// Placeholder of the colours for a light page.
-const LIGHT: &str = "/*LIGHT*/";
-/// Placeholder of the colours for a dark page.
-const DARK: &str = "/*DARK*/";
+/// Placeholder of the style sheet in the template.
+const STYLE: &str = "/*STYLE*/";
+/// Placeholder of the scripts in the template.
+const SCRIPT: &str = "/*SCRIPT*/";
+/// Scripts that draw the robot and curves, shared with the browser page.
+const SCRIPTS: &str = concat!(include_str!("scene.js"), "\n", include_str!("chart.js"));
 /// Name of the report file.
 pub const FILE: &str = "report.html";
 
@@ -308,8 +310,8 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
         .to_string()
         .replace("</", "<\\/")
         .replace("<!--", "<\\u0021--");
-    PAGE.replacen(LIGHT, &style::css(false), 1)
-        .replacen(DARK, &style::css(true), 1)
+    PAGE.replacen(STYLE, &style::sheet(), 1)
+        .replacen(SCRIPT, SCRIPTS, 1)
         .replacen(DATA, &data, 1)
 }
 

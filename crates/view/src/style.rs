@@ -273,6 +273,19 @@ pub fn css(dark: bool) -> String {
     all.collect::<Vec<_>>().join("\n    ")
 }
 
+const SHEET: &str = include_str!("base.css");
+/// Placeholder of the colours of a light page in the style sheet.
+const LIGHT: &str = "/*LIGHT*/";
+/// Placeholder of the colours of a dark page in the style sheet.
+const DARK: &str = "/*DARK*/";
+
+/// Style sheet that the report page and the browser page share.
+pub fn sheet() -> String {
+    SHEET
+        .replacen(LIGHT, &css(false), 1)
+        .replacen(DARK, &css(true), 1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

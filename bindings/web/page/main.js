@@ -1,0 +1,81 @@
+// Messages of the Worker, and the start of the page.
+
+function takeRows({ all, count, generation }) {
+  if (generation !== page.generation) return;
+  const begin = performance.now();
+  page.history.add(all, count);
+  const { width } = page.layout;
+  for (let i = 0; i < count; i++) page.stage.add(all.subarray(i * width, (i + 1) * width));
+  dirty();
+  page.inbox += performance.now() - begin;
+}
+
+function halted({ message }) {
+  run(false);
+  note("The robot cannot go on: " + message, true);
+}
+
+function restarted({ message }) {
+  errors.push("program: " + message);
+  page.history.clear();
+  page.stage.clear();
+  page.faults.clear(); page.task = null;
+  showSettings();
+  note(`The program ended with an error (${message}). A new robot stands at the start.`, true);
+}
+
+async function start() {
+  if (typeof WebAssembly === "undefined" || typeof DecompressionStream === "undefined") {
+    find("loading").textContent = "This page needs a browser of 2023 or later.";
+    return;
+  }
+  const module = await unpack();
+  page.robot = new Simulation({ rows: takeRows, planned, halted, restarted, error: ({ message }) => report("Worker: " + message) });
+  const { contract } = await page.robot.call("load", { module });
+  page.contract = contract;
+  readAddress(contract);
+  page.layout = new Layout(contract.state);
+  page.history = new History(page.layout);
+  page.stage = new Stage(find("scene"), contract, page.layout);
+  page.words = new Words(contract, page.layout);
+  page.plots = new Plots(find("plots"), contract, page.history);
+  page.trials = new Trials(module, contract, page.stage, dirty);
+  page.hands = new Hands(page.stage, { goal: goTo, place: placeAt, path: followPath, say, dirty }, () => state("truth"));
+  new Drive(contract.limits, drive);
+  new Tour(tourOrders);
+  options("world", contract.worlds);
+  options("fusion", contract.fusions);
+  options("pace", PACES.map((value) => ({ name: String(value) })));
+  [...find("pace").options].forEach((option) => { option.textContent = "×" + option.value; option.selected = option.value === "1"; });
+  contract.faults.forEach((fault, n) => {
+    const button = element("button", fault.name, find("faults"));
+    button.type = "button"; button.title = fault.text;
+    button.addEventListener("click", () => inject(n));
+  });
+  [find("friction").min, find("friction").max] = contract.limits.friction.map(String);
+  find("version").textContent = contract.version;
+  showKey();
+  connect();
+  await begin();
+  // An address whose scenario is refused: the robot of no settings.
+  if (!page.history.latest) { resetSettings({}); await begin(); }
+  page.running = false;
+  run(!calm.matches);
+  find("loading").hidden = true;
+  page.ready = true;
+  requestAnimationFrame(frame);
+}
+
+// For tests.
+window.cfmmr = {
+  ready: () => page.ready && Boolean(page.history.latest),
+  time: () => state("time_s")[0],
+  state: (name) => Array.from(state(name)),
+  goal: () => page.stage.goal,
+  speed: () => page.pace,
+  rate: () => page.rate,
+  busy: () => [...page.busy].sort((a, b) => a - b)[page.busy.length >> 1] || 0,
+  errors: () => errors,
+};
+
+start();

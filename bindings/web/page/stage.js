@@ -1,0 +1,213 @@
+// The scene: what is drawn, in which order, and which part of the floor is shown.
+
+// Half axes of the 95 % ellipse of two normal variables, in standard deviations.
+const SIGMAS_95 = 2.448;
+// Distance between points of the driven path, m, and most points of it.
+const TRAIL_M = 0.004, TRAIL_POINTS = 3000;
+// Distance between two epochs that is no motion, m, and most lines of the driven path.
+const JUMP_M = 0.03, MOST_LINES = 20;
+// Length of a full bar of strain, m.
+const BAR_M = 0.1;
+// Strains of a full bar.
+const STRAIN_SCALES = [1e-4, 2e-4, 5e-4, 1e-3, 1.5e-3];
+
+// Strain of a full bar. It changes late, so that the bars are calm.
+function strainScale(strains, before = STRAIN_SCALES[0]) {
+  const most = strains.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0);
+  if (most <= before && (most > 0.3 * before || before === STRAIN_SCALES[0])) return before;
+  return STRAIN_SCALES.find((scale) => most <= scale) || STRAIN_SCALES[STRAIN_SCALES.length - 1];
+}
+
+class Stage {
+  constructor(canvas, contract, layout) {
+    this.canvas = canvas;
+    this.contract = contract;
+    this.layout = layout;
+    this.follow = "all";
+    this.bounds = null;
+    this.view = null;
+    this.goal = null;
+    this.planned = [];
+    this.stroke = [];
+    this.refusal = null;
+    this.ghost = null;
+    this.clouds = [];
+    this.clear();
+  }
+
+  clear() {
+    this.trails = { truth: [[]], estimate: [[]] };
+  }
+
+  add(row) {
+    this.extend(this.trails.truth, this.layout.of(row, "truth"));
+    const estimate = this.layout.of(row, "estimate");
+    if (this.valid(row)) this.extend(this.trails.estimate, estimate);
+    else if (this.trails.estimate[this.trails.estimate.length - 1].length) this.lift(this.trails.estimate);
+  }
+
+  valid(row) {
+    return this.layout.of(row, "valid")[0] === 1;
+  }
+
+  extend(trail, at) {
+    const line = trail[trail.length - 1], end = line[line.length - 1];
+    if (end && apart(end, at) < TRAIL_M) return;
+    // Somebody has placed the robot, or the estimate was set: a new line begins.
+    if (end && apart(end, at) > JUMP_M) return this.lift(trail, at);
+    line.push([at[0], at[1]]);
+    if (line.length > TRAIL_POINTS) trail[trail.length - 1] = line.filter((_, i) => i % 2 === 0);
+  }
+
+  lift(trail, at) {
+    trail.push(at ? [[at[0], at[1]]] : []);
+    if (trail.length > MOST_LINES) trail.shift();
+  }
+
+  // The part of the floor that is to be seen.
+  wanted(row) {
+    const truth = this.layout.of(row, "truth");
+    if (this.follow === "robot") return [truth[0] - 0.5, truth[1] - 0.5, truth[0] + 0.5, truth[1] + 0.5];
+    const points = [truth, ...this.trails.truth.flat(), ...this.planned, ...this.clouds.flatMap((cloud) => cloud.points)];
+    if (this.goal) points.push(this.goal);
+    const margin = 0.4;
+    let [x0, y0, x1, y1] = [Infinity, Infinity, -Infinity, -Infinity];
+    for (const [x, y] of points) {
+      x0 = Math.min(x0, x); y0 = Math.min(y0, y); x1 = Math.max(x1, x); y1 = Math.max(y1, y);
+    }
+    return [x0 - margin, y0 - margin, x1 + margin, y1 + margin];
+  }
+
+  aim(row) {
+    if (this.follow === "free" && this.bounds) return;
+    const wanted = this.wanted(row);
+    if (!wanted.every(Number.isFinite)) return;
+    if (!this.bounds || calm.matches) this.bounds = wanted;
+    this.bounds = this.bounds.map((value, k) => value + 0.12 * (wanted[k] - value));
+  }
+
+  // Moves or enlarges the seen part of the floor around a point, m.
+  zoom(by, around) {
+    this.bounds = this.bounds.map((value, k) => around[k % 2] + (value - around[k % 2]) / by);
+    this.follow = "free";
+  }
+
+  pan(dx, dy) {
+    this.bounds = this.bounds.map((value, k) => value - (k % 2 ? dy : dx));
+    this.follow = "free";
+  }
+
+  draw(row, held) {
+    if (!held) this.aim(row);
+    if (!this.bounds) return;
+    const view = this.view = sceneView(this.canvas, this.bounds), { layout } = this;
+    const truth = layout.of(row, "truth"), target = layout.of(row, "target");
+    drawGrid(view);
+    if (this.planned.length) drawLine(view, this.planned, color("--reference"), 1.5, dash("--reference"));
+    this.trails.truth.forEach((line) => drawLine(view, line, color("--truth"), 2));
+    this.trails.estimate.forEach((line) => drawLine(view, line, color("--estimate"), 1, dash("--estimate")));
+    if (this.goal) {
+      drawGoal(view, this.goal, this.contract.mission.tolerance);
+      this.drawTip(view, this.goal, color("--goal"));
+    }
+    if (Number.isFinite(target[0])) drawCircle(view, target, 5, color("--goal"), 2);
+    this.drawBody(view, row);
+    if (Number.isFinite(truth[0])) this.drawTip(view, truth, color("--body"));
+    this.clouds.forEach((cloud) => this.drawCloud(view, cloud));
+    if (this.valid(row)) drawEstimate(view, layout.of(row, "estimate"), layout.of(row, "covariance"), SIGMAS_95);
+    this.drawInset(view, row);
+    if (this.stroke.length) drawLine(view, this.stroke, color("--accent"), 2.5);
+    if (this.ghost) this.drawGhost(view);
+    if (this.refusal) this.drawRefusal(view);
+  }
+
+  drawBody(view, row) {
+    const { layout } = this, axles = layout.of(row, "axles"), flat = layout.of(row, "frame"), frame = [];
+    for (let k = 0; k < flat.length; k += 2) frame.push([flat[k], flat[k + 1]]);
+    const postures = this.contract.axles.map((_, n) => axles.subarray(3 * n, 3 * n + 3));
+    drawRobot(view, this.contract.body, postures, frame);
+    if (settings.gauges !== false) this.drawStrains(view, frame, layout.of(row, "strain"));
+  }
+
+  // Strains as bars across the frame, at the places of the gauges.
+  drawStrains(view, frame, strains) {
+    const { gauges_m: places, strip_m: strip, rigid_m: rigid } = this.contract;
+    this.scale = strainScale(strains, this.scale);
+    places.forEach((place, n) => {
+      const at = Math.min(frame.length - 1.001, (rigid + place) / (strip + 2 * rigid) * (frame.length - 1));
+      const i = Math.floor(at), [a, b] = [frame[i], frame[i + 1]], share = at - i, length = apart(a, b) || 1;
+      const foot = [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
+      const by = Math.max(-2, Math.min(2, strains[n] / this.scale)) * BAR_M / length;
+      if (!Number.isFinite(by)) return;
+      drawLine(view, [foot, [foot[0] - by * (b[1] - a[1]), foot[1] + by * (b[0] - a[0])]], color("--outside"), Math.max(2, 0.008 * view.scale));
+    });
+  }
+
+  // The estimate, magnified. Its corner stays until the robot or the goal comes below it.
+  drawInset(view, row) {
+    const { layout } = this, truth = layout.of(row, "truth"), estimate = layout.of(row, "estimate"), covariance = layout.of(row, "covariance");
+    if (!this.valid(row) || !Number.isFinite(truth[0])) return;
+    const corners = insetCorners(view), points = [truth].concat(this.goal ? [this.goal] : []);
+    const covered = this.corner === undefined || points.some((point) => underInset(view, corners[this.corner], point, 30));
+    // The bottom right corner has the pad.
+    if (covered) this.corner = corners.indexOf(bestCorner(view, [corners[0], corners[1], corners[3]], points.concat(this.trails.truth.flat()), truth));
+    const reach = apart(truth, estimate) + SIGMAS_95 * Math.sqrt(Math.max(covariance[0], covariance[2]));
+    // Scales of 1, 2 and 5 that change late, so that the picture is calm.
+    if (!(reach < this.spread && reach > 0.3 * this.spread)) this.spread = step(Math.max(1e-3, 1.3 * reach), 1);
+    drawInset(view, corners[this.corner], { truth, estimate, covariance, spread: this.spread, sigmas: SIGMAS_95, name: "95 %" });
+  }
+
+  // Handle that turns a posture: a ring ahead of it.
+  drawTip(view, at, style) {
+    const tip = this.tip(view, at);
+    drawLine(view, [at, tip], style, 1);
+    drawCircle(view, tip, 6, style, 2);
+  }
+
+  tip(view, [x, y, phi]) {
+    const length = Math.max(0.34, 40 / view.scale);
+    return [x + length * Math.cos(phi), y + length * Math.sin(phi)];
+  }
+
+  drawGhost(view) {
+    const { at, kind } = this.ghost, [x, y, phi] = at;
+    view.g.globalAlpha = 0.55;
+    if (kind === "goal") {
+      drawGoal(view, at, this.contract.mission.tolerance);
+    } else {
+      const half = this.contract.strip_m / 2, end = (by) => [x + by * Math.cos(phi), y + by * Math.sin(phi), phi];
+      drawRobot(view, this.contract.body, [end(half), end(-half)], [end(-half), end(half)]);
+    }
+    this.drawTip(view, at, color(kind === "goal" ? "--goal" : "--body"));
+    view.g.globalAlpha = 1;
+  }
+
+  drawRefusal(view) {
+    const { at, text } = this.refusal, { g, width } = view;
+    const x = view.X(at[0]), y = view.Y(at[1]), style = color("--failure");
+    drawCircle(view, at, 9, style, 3);
+    g.font = "600 12px system-ui, sans-serif"; g.textAlign = "left";
+    const lines = broken(g, text, Math.min(260, width - 24)), wide = Math.max(...lines.map((line) => g.measureText(line).width)) + 12;
+    const left = Math.min(Math.max(4, x - wide / 2), width - wide - 4), tall = 16 * lines.length + 8, top = y > tall + 20 ? y - tall - 14 : y + 14;
+    g.fillStyle = color("--card"); g.strokeStyle = style; g.lineWidth = 1;
+    g.beginPath(); g.rect(left, top, wide, tall); g.fill(); g.stroke();
+    g.fillStyle = color("--ink");
+    lines.forEach((line, n) => g.fillText(line, left + 6, top + 16 * (n + 1)));
+  }
+
+  drawCloud({ g, X, Y }, { points, look }) {
+    g.fillStyle = color(look); g.globalAlpha = 0.75;
+    for (const [x, y] of points) { g.beginPath(); g.arc(X(x), Y(y), 2.5, 0, 7); g.fill(); }
+    g.globalAlpha = 1;
+  }
+}
+
+// Text in lines of at most `width` pixels.
+function broken(g, text, width) {
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    const longer = (lines[lines.length - 1] + " " + word).trim();
+    if (g.measureText(longer).width <= width || !lines[lines.length - 1]) lines[lines.length - 1] = longer; else lines.push(word);
+  }
+  return lines;
+}
