@@ -1,4 +1,4 @@
-// What every part of the page uses.
+// Helpers for all parts of the page.
 
 const find = (id) => document.getElementById(id);
 
@@ -19,7 +19,7 @@ function note(text, bad = false) {
   find("note").classList.toggle("bad", bad);
 }
 
-const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+const reducedMotion = window.matchMedia("(prefers-reduced-motion: reduce)");
 const wrap = (angle) => Math.atan2(Math.sin(angle), Math.cos(angle));
 const degrees = (angle) => angle * 180 / Math.PI;
 const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);

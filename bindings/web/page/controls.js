@@ -8,15 +8,15 @@ function connect() {
   onClick("play", () => run(!page.running));
   onClick("epoch", () => { run(false); page.robot.call("step"); });
   onClick("draw", () => setDrawing(!page.hands.drawing));
-  onClick("halt", () => { page.task = null; ask("halt"); });
+  onClick("halt", halt);
   onClick("nearer", () => zoomBy(1.4));
   onClick("farther", () => zoomBy(1 / 1.4));
   onClick("drift", addDrift);
-  onClick("again", begin);
+  onClick("again", () => begin());
   onClick("another", () => { settings.seed = String(BigInt(settings.seed) + 1n); begin(); });
   onClick("defaults", () => { page.trials.clear(); experiment({}); });
-  onClick("clear", async () => { if ((await ask("clear")).ok) note("Codes cleared. Set a goal."); });
-  onClick("repair", async () => { page.faults.clear(); page.task = null; await ask("change", { scenario: scenario() }); await restore(); showFaults(); });
+  onClick("clear", clearCodes);
+  onClick("repair", repair);
   onClick("trials-run", () => page.trials.run(TRIALS, settingsName(), { ...settings }));
   onClick("trials-clear", () => page.trials.clear());
   onClick("save-log", () => saveLog(page.history));
@@ -67,5 +67,5 @@ function settingsName() {
   if (settings.imu) parts.push("IMU");
   if (settings.fusion) parts.push(settings.fusion);
   if (settings.friction !== undefined) parts.push("friction " + label(settings.friction, 0.01));
-  return parts.filter(Boolean).join(", ");
+  return parts.join(", ");
 }

@@ -17,13 +17,13 @@ class Drive {
   }
 
   key(event, down) {
-    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key, way = DRIVE_KEYS[name];
-    if (!way || event.ctrlKey || event.altKey || event.metaKey) return;
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key, direction = DRIVE_KEYS[name];
+    if (!direction || event.ctrlKey || event.altKey || event.metaKey) return;
     const target = event.target, arrow = name.startsWith("Arrow");
     if (down && (target.closest("input, select, textarea, .handle") || arrow && target.id !== "scene")) return;
     if (down) event.preventDefault();
-    if (down === this.down.has(way)) return;
-    if (down) this.down.add(way); else this.down.delete(way);
+    if (down === this.down.has(direction)) return;
+    if (down) this.down.add(direction); else this.down.delete(direction);
     this.send();
   }
 

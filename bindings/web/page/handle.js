@@ -1,6 +1,6 @@
 // Goal and robot by keys: a button above the scene that arrow keys move.
 
-// Movement and turn of a key; with Shift a fifth of it.
+// Distance and angle of a key press; a fifth with Shift.
 const NUDGE_M = 0.05, NUDGE_RAD = Math.PI / 36;
 const NUDGES = {
   ArrowLeft: [-NUDGE_M, 0, 0], ArrowRight: [NUDGE_M, 0, 0], ArrowUp: [0, NUDGE_M, 0], ArrowDown: [0, -NUDGE_M, 0],
@@ -8,11 +8,11 @@ const NUDGES = {
 };
 
 class Handle {
-  // `real` gives the posture of the goal or robot, `order` carries out another one.
+  // `real` gives the posture of the goal or robot; `order` sets the posture.
   constructor(button, kind, hands, real, order) {
     Object.assign(this, { kind, hands, stage: hands.stage, real, order });
     button.addEventListener("keydown", (event) => this.key(event));
-    // Leaving the handle carries out what was moved.
+    // Leaving the handle confirms the moved posture.
     button.addEventListener("blur", () => this.finish());
   }
 
@@ -29,7 +29,7 @@ class Handle {
   key(event) {
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key, ghost = this.ghost(), real = this.real();
     const at = ghost ? ghost.at : real && Array.from(real);
-    if (!at) return;
+    if (!at || this.hands.held) return;
     if (NUDGES[name]) this.nudge(at, NUDGES[name], event.shiftKey ? 0.2 : 1);
     else if (name === "Enter" || name === " ") this.press(at);
     else if (name === "Escape") this.show(null);
@@ -41,10 +41,10 @@ class Handle {
   nudge(at, by, share) {
     const moved = at.map((value, k) => value + share * by[k]);
     this.show(moved);
-    this.hands.orders.say(this.kind, moved);
+    this.hands.orders.announce(this.kind, moved);
   }
 
-  // The robot drives again to a goal that was not moved.
+  // Pressed without a move, the goal is ordered again.
   press(at) {
     if (this.ghost()) this.finish();
     else if (this.kind === "goal") this.order(at);

@@ -6,7 +6,7 @@ const GRIP = { mouse: 16, touch: 26 };
 const STROKE_M = 0.01;
 
 class Hands {
-  // `orders` has goal(at), place(at), path(points), say(kind, at) and dirty().
+  // `orders` has goal(at), place(at), path(points), announce(kind, at) and dirty().
   constructor(stage, orders, truth) {
     this.stage = stage;
     this.orders = orders;
@@ -127,7 +127,7 @@ class Hands {
     this.orders.goal([x, y, this.stage.goal ? this.stage.goal[2] : 0]);
   }
 
-  // A wheel alone scrolls the page.
+  // The wheel without Ctrl scrolls the page.
   wheel(event) {
     if (!event.ctrlKey || !this.stage.view) return;
     event.preventDefault();

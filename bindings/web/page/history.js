@@ -1,11 +1,11 @@
-// States of the run. If there are too many, every second one is dropped.
+// States of the run. Above MOST_ROWS every second state is dropped.
 
 const MOST_ROWS = 20000;
 
 class History {
   constructor(layout) {
     this.layout = layout;
-    // State of the latest epoch; it stays until the next one comes.
+    // State of the latest epoch.
     this.latest = null;
     this.clear();
   }

@@ -1,7 +1,6 @@
 // Messages of the Worker, and the start of the page.
 
-function takeRows({ all, count, generation }) {
-  if (generation !== page.generation) return;
+function takeRows({ all, count }) {
   const begin = performance.now();
   page.history.add(all, count);
   const { width } = page.layout;
@@ -17,10 +16,6 @@ function halted({ message }) {
 
 function restarted({ message }) {
   errors.push("program: " + message);
-  page.history.clear();
-  page.stage.clear();
-  page.faults.clear(); page.task = null;
-  showSettings();
   note(`The program ended with an error (${message}). A new robot stands at the start.`, true);
 }
 
@@ -30,7 +25,8 @@ async function start() {
     return;
   }
   const module = await unpack();
-  page.robot = new Simulation({ rows: takeRows, planned, halted, restarted, error: ({ message }) => report("Worker: " + message) });
+  const error = ({ message }) => report("Worker: " + message);
+  page.robot = new Simulation({ rows: takeRows, created, planned, released, halted, restarted, error });
   const { contract } = await page.robot.call("load", { module });
   page.contract = contract;
   readAddress(contract);
@@ -40,7 +36,7 @@ async function start() {
   page.words = new Words(contract, page.layout);
   page.plots = new Plots(find("plots"), contract, page.history);
   page.trials = new Trials(module, contract, page.stage, dirty);
-  page.hands = new Hands(page.stage, { goal: goTo, place: placeAt, path: followPath, say, dirty }, () => state("truth"));
+  page.hands = new Hands(page.stage, { goal: goTo, place: placeAt, path: followPath, announce, dirty }, () => state("truth"));
   new Drive(contract.limits, drive);
   new Tour(tourOrders);
   options("world", contract.worlds);
@@ -57,10 +53,9 @@ async function start() {
   showKey();
   connect();
   await begin();
-  // An address whose scenario is refused: the robot of no settings.
+  // The robot without settings, if the scenario of the address is refused.
   if (!page.history.latest) { resetSettings({}); await begin(); }
-  page.running = false;
-  run(!calm.matches);
+  run(!reducedMotion.matches);
   find("loading").hidden = true;
   page.ready = true;
   requestAnimationFrame(frame);

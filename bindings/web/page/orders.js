@@ -1,59 +1,79 @@
-// What the visitor can ask of the robot.
+// Orders of the visitor to the robot.
+//
+// Each order is one message to the Worker, and answers come in the order of the messages. Task, faults and planned path
+// on the page change with the answer: so they are those of the robot, even if another order is on its way.
 
-// Length of a drift of the gauges.
+// Drift of the gauges by one press of the button.
 const DRIFT = 20e-6;
 
-async function create() {
-  page.generation += 1;
+// A new robot, and its first orders.
+async function create(orders) {
   note("");
-  page.history.clear();
-  page.stage.clear();
-  page.stage.planned = []; page.stage.refusal = null;
-  page.drift = 0; page.faults.clear();
-  page.task = null;
-  page.stage.goal = settings.goal || page.contract.mission.goal;
   showSettings();
   writeAddress();
-  return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), generation: page.generation });
+  return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), orders });
+}
+
+// A new robot drives to the goal, with these faults.
+async function begin(faults = []) {
+  const orders = [{ action: "regulate", at: goal() }, ...faults.map((number) => ({ action: "fault", number }))];
+  if (!(await create(orders)).ok) return;
+  page.task = "goal";
+  faults.forEach(showInjected);
+}
+
+// The Worker has a new robot.
+function created() {
+  page.generation += 1;
+  page.history.clear();
+  page.stage.clear();
+  page.drift = 0; page.faults.clear();
+  setTask(null);
+  showSettings();
+}
+
+// Task of the robot. A planned path belongs to the task before.
+function setTask(task) {
+  page.task = task;
+  page.stage.planned = []; page.stage.refusal = null;
+}
+
+// An order that changes a setting. The setting holds at once, since a new robot would have it; a refusal undoes it.
+async function askWith(name, value, action, details) {
+  const before = settings[name], show = () => { showSettings(); writeAddress(); };
+  settings[name] = value;
+  show();
+  const answer = await ask(action, details());
+  if (answer.ok) return true;
+  if (settings[name] === value) settings[name] = before;
+  show();
+  return false;
 }
 
 async function goTo(at) {
-  page.stage.goal = at; page.stage.planned = []; page.stage.refusal = null;
-  page.task = "goal";
-  settings.goal = at;
-  writeAddress();
-  const answer = await ask("regulate", { at });
-  if (answer.ok) note(`Goal: ${posture(at)}.`);
+  if (!(await askWith("goal", at, "regulate", () => ({ at })))) return;
+  setTask("goal");
+  note(`Goal: ${posture(at)}.`);
   run(true);
-  return answer;
-}
-
-async function begin() {
-  if ((await create()).ok) { page.task = "goal"; await ask("regulate", { at: page.stage.goal }); }
 }
 
 async function placeAt(at) {
-  page.task = null;
-  settings.start = at;
-  writeAddress();
-  page.stage.planned = []; page.faults.clear();
-  if ((await ask("place", { at })).ok) note(`Robot placed: ${posture(at)}. Move or press the goal to drive.`);
-  await restore();
+  if (!(await askWith("start", at, "place", () => ({ at })))) return;
+  setTask(null);
+  page.faults.clear();
   showFaults();
-}
-
-// Friction and drift that were set without interruption end with the simulation that had them.
-async function restore() {
-  if (settings.friction !== undefined) await ask("friction", { value: settings.friction });
-  if (page.drift) await ask("drift", { strain: page.drift });
+  note(`Robot placed: ${posture(at)}. Move or press the goal to drive.`);
 }
 
 async function followPath(stroke) {
   setDrawing(false);
-  if (stroke.length < 2) { page.stage.stroke = []; return; }
+  const { stage } = page;
+  stage.stroke = stroke.length > 1 ? stroke : [];
+  if (!stage.stroke.length) return;
   const answer = await page.robot.call("follow", { points: Float64Array.from(stroke.flat()) });
-  page.stage.stroke = answer.ok ? [] : stroke;
   if (answer.ok) {
+    if (stage.stroke === stroke) stage.stroke = [];
+    stage.refusal = null;
     page.task = "path";
     note("The robot follows the path. It begins at rest.");
     run(true);
@@ -63,10 +83,11 @@ async function followPath(stroke) {
   dirty();
 }
 
+// Shows the reason why a path is refused, at its place on the floor.
 function refuse(message, place) {
-  const reason = message.replace(/^path: /, "");
-  note("Path refused: " + reason, true);
-  page.stage.refusal = { at: placeIn(reason) || place, text: reason };
+  const text = pathReason(message);
+  note("Path refused: " + text, true);
+  page.stage.refusal = { at: placeIn(message) || place, text };
 }
 
 // The path as the robot has planned it, or the reason why it could not begin it.
@@ -78,47 +99,56 @@ function planned({ path, message }) {
 
 const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
 
-// Place that a refusal names, m.
-function placeIn(text) {
-  const found = /x = (-?[0-9.]+) m, y = (-?[0-9.]+) m/.exec(text);
-  return found && [Number(found[1]), Number(found[2])];
-}
-
-function drive(speed, curvature) {
-  if (speed === null) { page.task = null; return ask("halt"); }
-  page.task = "hand"; page.stage.planned = [];
+// `order(speed, curvature)` drives by hand; `order(null)` stops.
+async function drive(speed, curvature) {
+  if (speed === null) return halt();
   run(true);
-  return ask("hold", { speed, curvature });
+  if ((await ask("hold", { speed, curvature })).ok) setTask("hand");
 }
 
-// A setting of the robot as it stands. The robot then continues to its goal.
+async function halt() {
+  if ((await ask("halt")).ok) setTask(null);
+}
+
+// The time of a drive by hand is over.
+function released() {
+  if (page.task === "hand") page.task = null;
+}
+
+async function clearCodes() {
+  if (!(await ask("clear")).ok) return;
+  setTask(null);
+  note("Codes cleared. Set a goal.");
+}
+
+// A setting of the robot as it stands.
 async function change(name, value) {
-  const before = settings[name];
-  settings[name] = value;
-  const answer = await ask("change", { scenario: scenario() });
-  if (!answer.ok) settings[name] = before;
+  if (await askWith(name, value, "change", () => ({ scenario: scenario() }))) changed();
+}
+
+async function repair() {
+  if ((await ask("change", { scenario: scenario() })).ok) changed();
+}
+
+// With new settings the robot has no faults, and continues to its goal.
+function changed() {
+  setTask(page.task === "goal" ? "goal" : null);
   page.faults.clear();
-  if (answer.ok) await restore();
-  showSettings();
-  writeAddress();
-  if (answer.ok && page.task === "goal") await ask("regulate", { at: page.stage.goal });
-  else page.task = null;
+  showFaults();
 }
 
 async function inject(number) {
+  if ((await ask("fault", { number })).ok) showInjected(number);
+}
+
+function showInjected(number) {
   const fault = page.contract.faults[number];
-  if (!(await ask("fault", { number })).ok) return;
   page.faults.add(number);
   find("fault-text").textContent = `${fault.name}: ${fault.text}`;
   showFaults();
 }
 
-async function setFriction(value) {
-  if (!(await ask("friction", { value })).ok) return;
-  settings.friction = value;
-  showSettings();
-  writeAddress();
-}
+const setFriction = (value) => askWith("friction", value, "friction", () => ({ value }));
 
 async function addDrift() {
   if (!(await ask("drift", { strain: DRIFT })).ok) return;

@@ -1,10 +1,10 @@
 // Plots over time, and the strip with its strains.
 
-// Most points of a curve: more are not seen, and cost time.
+// Most points of a curve: more are not visible, and cost time.
 const MOST_POINTS = 240;
 const NORMAL_95 = 1.96;
 
-// `values` gives the values of a state, one a curve.
+// Plots: `values` gives the value of each curve for a state.
 function plotTable(contract, layout) {
   const wheels = contract.axles.flatMap((axle) => [axle + " left", axle + " right"]);
   const valid = (row) => layout.of(row, "valid")[0] === 1;
@@ -72,7 +72,7 @@ class Plots {
   }
 }
 
-// The strip, straightened, with the strain of each gauge as a bar at its place, and the strip as it is bent.
+// The strip, straightened, with the strain of each gauge as a bar at its place.
 function drawStrip(canvas, contract, strains, scale, fitted) {
   const { g, width, height } = surface(canvas), left = 40, right = width - 40, middle = height / 2;
   const X = (place) => left + place / contract.strip_m * (right - left), most = height / 2 - 20;

@@ -1,4 +1,4 @@
-// Settings that the visitor has touched. Only these are written into the scenario and into the address.
+// Settings that the visitor has changed. Only these are written into the scenario and into the address.
 
 const settings = { seed: "1" };
 
@@ -12,6 +12,8 @@ const KEYS = {
   start: ["mission", "start", (at) => `[${at.map(real).join(", ")}]`],
   goal: ["mission", "goal", (at) => `[${at.map(real).join(", ")}]`],
 };
+
+const goal = () => settings.goal || page.contract.mission.goal;
 
 // A TOML float needs a decimal point.
 const real = (value) => (Math.round(value * 1e4) / 1e4).toFixed(4);
@@ -35,7 +37,7 @@ function writeAddress() {
   if (hash !== window.location.hash) window.history.replaceState(null, "", hash);
 }
 
-// Unknown names and values out of range are left out: an address may be typed.
+// Unknown names and values out of range are ignored: a visitor may type an address.
 function readAddress(contract) {
   const given = new URLSearchParams(window.location.hash.slice(1)), found = { seed: "1" };
   const one = (name, list) => { if (list.includes(given.get(name))) found[name] = given.get(name); };

@@ -1,4 +1,4 @@
-// What the page shows: settings, faults, handles, clock, and one frame after the other.
+// Display of settings, faults, handles and clock, and the frame loop.
 
 // Frames of which the busy time is kept.
 const BUSY_FRAMES = 300;
@@ -21,12 +21,13 @@ function setPace(value) {
   page.robot.call("pace", { value });
 }
 
-const say = (kind, at) => note(`${kind === "goal" ? "Goal" : "Robot"} to ${posture(at)}: Enter carries it out.`);
+// Posture of the goal or robot while keys move it.
+const announce = (kind, at) => note(`${kind === "goal" ? "Goal" : "Robot"} to ${posture(at)}: press Enter to confirm.`);
 
 function setDrawing(on) {
   page.hands.drawing = on;
   find("draw").setAttribute("aria-pressed", String(on));
-  if (on) note("Draw from the robot on.");
+  if (on) note("Draw a path that begins at the robot.");
 }
 
 function options(id, list) {
@@ -39,6 +40,7 @@ function options(id, list) {
 
 function showSettings() {
   const { contract } = page, world = settings.world || contract.world, fusion = settings.fusion || contract.fusion;
+  page.stage.goal = goal();
   find("gauges").checked = settings.gauges !== false;
   find("imu").checked = settings.imu === true;
   find("world").value = world;
@@ -69,7 +71,7 @@ function showHandle(button, name, at) {
   button.style.transform = `translate(${view.X(at[0]).toFixed(1)}px, ${view.Y(at[1]).toFixed(1)}px)`;
   const text = `${name}: ${posture(at)}`;
   // Screen readers need no update a frame.
-  if (page.turn % 30 === 0 && button.getAttribute("aria-label") !== text) button.setAttribute("aria-label", text);
+  if (page.frames % 30 === 0 && button.getAttribute("aria-label") !== text) button.setAttribute("aria-label", text);
 }
 
 // Pace that this computer reaches, over the last second.
@@ -89,20 +91,18 @@ function showClock() {
   if (find("clock").textContent !== text) find("clock").textContent = text;
 }
 
-page.turn = 0;
-
 function frame() {
   requestAnimationFrame(frame);
   const begin = performance.now();
   if (!page.history.latest || begin > page.drawUntil) return;
-  page.turn += 1;
+  page.frames += 1;
   page.stage.draw(page.history.latest, Boolean(page.hands.held));
   const ghost = page.stage.ghost, at = (kind, real) => (ghost && ghost.kind === kind ? ghost.at : real);
   showHandle(find("goal-handle"), "Goal", at("goal", page.stage.goal));
   showHandle(find("robot-handle"), "Robot", at("robot", state("truth")));
   page.plots.draw();
-  if (page.turn % 2) drawStrip(find("strip"), page.contract, state("strain"), page.stage.scale || STRAIN_SCALES[0], settings.gauges !== false);
-  if (page.turn % 6 === 0) page.words.show(page.history.latest, page.task);
+  if (page.frames % 2) drawStrip(find("strip"), page.contract, state("strain"), page.stage.scale || STRAIN_SCALES[0], settings.gauges !== false);
+  if (page.frames % 6 === 0) page.words.show(page.history.latest, page.task);
   showClock();
   page.busy.push(performance.now() - begin + page.inbox);
   page.inbox = 0;

@@ -1,17 +1,17 @@
-// The scene: what is drawn, in which order, and which part of the floor is shown.
+// The scene: shown part of the floor, and drawing.
 
 // Half axes of the 95 % ellipse of two normal variables, in standard deviations.
 const SIGMAS_95 = 2.448;
 // Distance between points of the driven path, m, and most points of it.
 const TRAIL_M = 0.004, TRAIL_POINTS = 3000;
-// Distance between two epochs that is no motion, m, and most lines of the driven path.
+// Distance between two epochs that means a placement, m, and most lines of the driven path.
 const JUMP_M = 0.03, MOST_LINES = 20;
 // Length of a full bar of strain, m.
 const BAR_M = 0.1;
 // Strains of a full bar.
 const STRAIN_SCALES = [1e-4, 2e-4, 5e-4, 1e-3, 1.5e-3];
 
-// Strain of a full bar. It changes late, so that the bars are calm.
+// Strain of a full bar. It changes with hysteresis, so that the bars do not flicker.
 function strainScale(strains, before = STRAIN_SCALES[0]) {
   const most = strains.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0);
   if (most <= before && (most > 0.3 * before || before === STRAIN_SCALES[0])) return before;
@@ -53,7 +53,7 @@ class Stage {
   extend(trail, at) {
     const line = trail[trail.length - 1], end = line[line.length - 1];
     if (end && apart(end, at) < TRAIL_M) return;
-    // Somebody has placed the robot, or the estimate was set: a new line begins.
+    // The robot was placed, or the estimate was set: another line begins.
     if (end && apart(end, at) > JUMP_M) return this.lift(trail, at);
     line.push([at[0], at[1]]);
     if (line.length > TRAIL_POINTS) trail[trail.length - 1] = line.filter((_, i) => i % 2 === 0);
@@ -64,12 +64,13 @@ class Stage {
     if (trail.length > MOST_LINES) trail.shift();
   }
 
-  // The part of the floor that is to be seen.
+  // Part of the floor that the view asks for.
   wanted(row) {
     const truth = this.layout.of(row, "truth");
     if (this.follow === "robot") return [truth[0] - 0.5, truth[1] - 0.5, truth[0] + 0.5, truth[1] + 0.5];
     const points = [truth, ...this.trails.truth.flat(), ...this.planned, ...this.clouds.flatMap((cloud) => cloud.points)];
     if (this.goal) points.push(this.goal);
+    if (this.refusal) points.push(this.refusal.at);
     const margin = 0.4;
     let [x0, y0, x1, y1] = [Infinity, Infinity, -Infinity, -Infinity];
     for (const [x, y] of points) {
@@ -82,11 +83,11 @@ class Stage {
     if (this.follow === "free" && this.bounds) return;
     const wanted = this.wanted(row);
     if (!wanted.every(Number.isFinite)) return;
-    if (!this.bounds || calm.matches) this.bounds = wanted;
+    if (!this.bounds || reducedMotion.matches) this.bounds = wanted;
     this.bounds = this.bounds.map((value, k) => value + 0.12 * (wanted[k] - value));
   }
 
-  // Moves or enlarges the seen part of the floor around a point, m.
+  // Magnifies the floor around a point, m.
   zoom(by, around) {
     this.bounds = this.bounds.map((value, k) => around[k % 2] + (value - around[k % 2]) / by);
     this.follow = "free";
@@ -152,7 +153,7 @@ class Stage {
     // The bottom right corner has the pad.
     if (covered) this.corner = corners.indexOf(bestCorner(view, [corners[0], corners[1], corners[3]], points.concat(this.trails.truth.flat()), truth));
     const reach = apart(truth, estimate) + SIGMAS_95 * Math.sqrt(Math.max(covariance[0], covariance[2]));
-    // Scales of 1, 2 and 5 that change late, so that the picture is calm.
+    // Scales of 1, 2 and 5 with hysteresis, so that the inset does not flicker.
     if (!(reach < this.spread && reach > 0.3 * this.spread)) this.spread = step(Math.max(1e-3, 1.3 * reach), 1);
     drawInset(view, corners[this.corner], { truth, estimate, covariance, spread: this.spread, sigmas: SIGMAS_95, name: "95 %" });
   }
@@ -183,13 +184,17 @@ class Stage {
   }
 
   drawRefusal(view) {
-    const { at, text } = this.refusal, { g, width } = view;
+    const { at, text } = this.refusal, { g, width, height } = view;
     const x = view.X(at[0]), y = view.Y(at[1]), style = color("--failure");
-    drawCircle(view, at, 9, style, 3);
     g.font = "600 12px system-ui, sans-serif"; g.textAlign = "left";
     const lines = broken(g, text, Math.min(260, width - 24)), wide = Math.max(...lines.map((line) => g.measureText(line).width)) + 12;
-    const left = Math.min(Math.max(4, x - wide / 2), width - wide - 4), tall = 16 * lines.length + 8, top = y > tall + 20 ? y - tall - 14 : y + 14;
-    g.fillStyle = color("--card"); g.strokeStyle = style; g.lineWidth = 1;
+    const left = Math.min(Math.max(4, x - wide / 2), width - wide - 4), tall = 16 * lines.length + 8, above = y > tall + 20 ? y - tall - 14 : y + 14;
+    const top = Math.min(Math.max(4, above), height - tall - 4);
+    // The line leads to the place, also if the place is outside the scene.
+    g.strokeStyle = style; g.lineWidth = 2;
+    g.beginPath(); g.moveTo(left + wide / 2, top + tall / 2); g.lineTo(x, y); g.stroke();
+    drawCircle(view, at, 9, style, 3);
+    g.fillStyle = color("--card"); g.lineWidth = 1;
     g.beginPath(); g.rect(left, top, wide, tall); g.fill(); g.stroke();
     g.fillStyle = color("--ink");
     lines.forEach((line, n) => g.fillText(line, left + 6, top + 16 * (n + 1)));

@@ -1,6 +1,4 @@
-// A tour in six steps: a sentence and an action each.
-
-// `act` is carried out with the page's orders.
+// A tour in six steps: a sentence and an action each. `act` gets the orders of the tour.
 const TOUR = [
   {
     text: "A thin steel strip joins two axles; if the axles turn against each other, the strip bends into an arc, and the robot drives along this arc.",
@@ -51,7 +49,7 @@ class Tour {
     find("tour-open").focus();
   }
 
-  // The focus goes to the action, so that Enter carries it out and Tab reaches the next step.
+  // The focus goes to the action: Enter starts it, Tab reaches the next step.
   go(step) {
     this.step = Math.max(0, Math.min(TOUR.length - 1, step));
     const { text, action } = TOUR[this.step];

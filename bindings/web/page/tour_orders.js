@@ -9,12 +9,12 @@ function resetSettings(changes) {
   Object.assign(settings, { seed }, changes);
 }
 
-// The paper's drive with these settings and no others.
-async function experiment(changes) {
+// The paper's drive with these settings and no others, and with these faults.
+function experiment(changes, faults) {
   resetSettings(changes);
   showPart("all");
   run(true);
-  await begin();
+  return begin(faults);
 }
 
 // True when this robot has reached a time; false if another robot was made.
@@ -36,14 +36,12 @@ const tourOrders = {
     resetSettings({});
     showPart("robot");
     run(true);
-    await create();
-    page.task = "hand";
     const { speed, curvature } = page.contract.limits;
-    return ask("hold", { speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 });
+    const task = { action: "hold", speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 };
+    if ((await create([task])).ok) page.task = "hand";
   },
-  async breakGauge() {
-    await experiment({});
-    await inject(page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge")));
+  breakGauge() {
+    return experiment({}, [page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge"))]);
   },
   async slip() {
     await experiment({});

@@ -1,58 +1,62 @@
 // Trials in Workers: a cloud of end points, and a table.
 
-const TRIALS = 100, MOST_WORKERS = 8, CLOUDS = 4;
+const TRIALS = 100, MOST_WORKERS = 8;
+// Colours of clouds, and most clouds on the scene.
+const CLOUD_LOOKS = ["--c0", "--c1", "--c2", "--c4"], CLOUDS = CLOUD_LOOKS.length;
 
 class Trials {
   constructor(module, contract, stage, dirty) {
     Object.assign(this, { module, contract, stage, dirty });
     this.workers = [];
-    this.batch = 0;
+    // Batch in work; a Worker whose batch is another one takes no more trials.
+    this.batch = null;
   }
 
   // Workers are made for a batch and end with it.
   async run(count, name, of) {
     this.stop();
-    const batch = this.batch, total = { name, ends: [], count, text: scenario(of), seed: settings.seed, goal: of.goal || this.contract.mission.goal };
-    total.cloud = { points: [], look: `--c${[0, 1, 2, 4][find("trials").rows.length % 4]}` };
-    this.stage.clouds = this.stage.clouds.slice(1 - CLOUDS).concat([total.cloud]);
-    total.row = this.newRow(total);
+    const batch = { name, ends: [], text: scenario(of), seed: of.seed, goal: of.goal || this.contract.mission.goal };
+    this.batch = batch;
+    batch.cloud = { points: [], look: CLOUD_LOOKS[find("trials").rows.length % CLOUD_LOOKS.length] };
+    this.stage.clouds = this.stage.clouds.slice(1 - CLOUDS).concat([batch.cloud]);
+    batch.row = this.newRow(batch);
     let next = 0;
     const work = async () => {
       const worker = new Simulation({});
       this.workers.push(worker);
       await worker.call("load", { module: this.module });
-      while (next < count && batch === this.batch) {
+      while (next < count && this.batch === batch) {
         const trial = String(next);
         next += 1;
-        this.take(total, await worker.call("outcome", { scenario: total.text, seed: total.seed, trial }));
+        this.take(batch, await worker.call("outcome", { scenario: batch.text, seed: batch.seed, trial }));
       }
     };
     const workers = Math.max(1, Math.min(navigator.hardwareConcurrency || 2, MOST_WORKERS));
     await Promise.all(Array.from({ length: workers }, work));
-    if (batch === this.batch) { this.stop(); this.announce(total); }
+    if (this.batch === batch) { this.stop(); this.announce(batch); }
   }
 
   stop() {
-    this.batch += 1;
+    this.batch = null;
     this.workers.forEach((worker) => worker.end());
     this.workers = [];
   }
 
-  take(total, answer) {
+  take(batch, answer) {
     if (!answer.ok) return note("A trial was refused: " + answer.message, true);
-    const [end, x, y, phi, , , , e, claim, duration] = answer.outcome;
-    const off = Math.abs(wrap(phi - total.goal[2])), [position, heading] = this.contract.mission.tolerance;
-    total.ends.push({ end, e, off, claim, duration, within: e <= position && off <= heading });
-    if (Number.isFinite(x)) total.cloud.points.push([x, y]);
-    this.showRow(total);
+    const [, x, y, phi, , , , e] = answer.outcome;
+    const off = Math.abs(wrap(phi - batch.goal[2])), [position, heading] = this.contract.mission.tolerance;
+    batch.ends.push({ e, off, within: e <= position && off <= heading });
+    if (Number.isFinite(x)) batch.cloud.points.push([x, y]);
+    this.showRow(batch);
     this.dirty();
   }
 
-  newRow(total) {
+  newRow(batch) {
     const row = find("trials").insertRow();
     for (let n = 0; n < 5; n++) row.insertCell();
-    element("span", "● ", row.cells[0]).style.color = `var(${total.cloud.look})`;
-    row.cells[0].append(total.name);
+    element("span", "● ", row.cells[0]).style.color = `var(${batch.cloud.look})`;
+    row.cells[0].append(batch.name);
     find("trials-table").hidden = false;
     return row;
   }
@@ -62,15 +66,16 @@ class Trials {
     return { error: mean((end) => end.e), off: mean((end) => end.off), within: mean((end) => (end.within ? 1 : 0)) };
   }
 
-  showRow(total) {
-    const { error, off, within } = this.summary(total), texts = [null, String(total.ends.length), label(100 * error, 0.1) + " cm", label(degrees(off), 0.1) + "°", Math.round(100 * within) + " %"];
-    texts.forEach((text, n) => { if (text) total.row.cells[n].textContent = text; });
+  showRow(batch) {
+    const { error, off, within } = this.summary(batch);
+    const texts = [String(batch.ends.length), label(100 * error, 0.1) + " cm", label(degrees(off), 0.1) + "°", Math.round(100 * within) + " %"];
+    texts.forEach((text, n) => { batch.row.cells[n + 1].textContent = text; });
   }
 
-  announce(total) {
-    if (!total.ends.length) return;
-    const { error, within } = this.summary(total);
-    note(`${total.ends.length} trials, ${total.name}: mean goal error ${label(100 * error, 0.1)} cm, ${Math.round(100 * within)} % within the tolerance.`);
+  announce(batch) {
+    if (!batch.ends.length) return;
+    const { error, within } = this.summary(batch);
+    note(`${batch.ends.length} trials, ${batch.name}: mean goal error ${label(100 * error, 0.1)} cm, ${Math.round(100 * within)} % within the tolerance.`);
   }
 
   clear() {

@@ -1,4 +1,21 @@
-// State and codes in words.
+// State, codes and refusals in words.
+
+const cm = (length) => (length < 1e-3 ? "less than 0.1 cm" : label(100 * length, 0.1) + " cm");
+
+// Place that a refusal names, m.
+function placeIn(text) {
+  const found = /x = (-?[0-9.]+) m, y = (-?[0-9.]+) m/.exec(text);
+  return found && [Number(found[1]), Number(found[2])];
+}
+
+// Reason of a refused path without the waypoints, which the visitor does not see. Curvatures become radii.
+function pathReason(message) {
+  const text = message.replace(/^path: /, "").replace(/s = [0-9.]+ m, /, "").replace(/ \(near waypoint [0-9]+\)/, "");
+  const found = /^curvature (-?[0-9.]+) 1\/m at (.*): the frame allows at most ([0-9.]+) 1\/m/.exec(text);
+  if (!found) return text;
+  const radius = (curvature) => cm(1 / Math.abs(Number(curvature)));
+  return `the path bends with a radius of ${radius(found[1])} at ${found[2]}: the frame allows ${radius(found[3])} at least.`;
+}
 
 // Sentences for the phases of a drive to a goal, and for the modes of a robot without a task.
 const PHASES = {
@@ -22,7 +39,7 @@ class Words {
     return this.layout.of(row, name)[0];
   }
 
-  // `task`: what the visitor has asked for.
+  // `task`: goal, path, hand or null.
   sentence(row, task) {
     const stopped = this.stopCode(row);
     if (stopped) return `Stopped: ${stopped.name}.`;
@@ -35,7 +52,7 @@ class Words {
     return MODES[mode] || `Mode ${mode}.`;
   }
 
-  // Code that stopped the robot: rather a cause than its consequence in another node.
+  // Code that stopped the robot; a cause before its consequence in another node.
   stopCode(row) {
     const failed = this.codes.get(this.one(row, "failed"));
     if (failed) return failed;
@@ -43,7 +60,7 @@ class Words {
     return stops.find((code) => code.name !== "neighbour stopped") || stops[0];
   }
 
-  // Codes that hold, without repetition: first the failure, then reasons of the nodes, then notices.
+  // Active codes, without repetition: the failure, then reasons of the nodes, then notices.
   codesOf(row) {
     const numbers = [this.one(row, "failed"), ...this.layout.of(row, "reasons")];
     this.layout.of(row, "notices").forEach((holds, n) => { if (holds) numbers.push(this.contract.codes[n].code); });
@@ -51,10 +68,12 @@ class Words {
   }
 
   show(row, task) {
-    const sentence = this.sentence(row, task), codes = this.codesOf(row), key = sentence + codes.map((code) => code.code).join(",");
+    const sentence = this.sentence(row, task), codes = this.codesOf(row), valid = this.one(row, "valid") === 1;
+    const key = [sentence, valid, ...codes.map((code) => code.code)].join();
     if (key === this.shown) return;
     this.shown = key;
     find("sentence").textContent = sentence;
+    find("no-estimate").textContent = valid ? "" : "The robot has no valid estimate of its posture, so the page shows none.";
     find("codes").replaceChildren();
     for (const code of codes) {
       const item = element("li", "", find("codes"));

@@ -12,8 +12,15 @@ const REPEAT_EPOCHS = 5;
 let module, web, width = 0;
 // Number of the planned path, and its place in a state.
 let plans = 0, plansAt;
-let setup = { seed: "1", trial: "0", scenario: "" };
-let running = false, pace = 1, due = 0, last = 0, held = null;
+// Seed, trial and scenario of the robot on the scene; null for the Workers of the trials.
+let setup = null;
+// Orders that outlast a change of settings or a placement of the robot.
+let friction, drift, goal;
+// Speed and curvature that are commanded until the next order.
+let held = null;
+// Clock: epochs that are due, and time of the latest turn, ms.
+let running = false, pace = 1, due = 0, last = 0;
+// States that the page has not got yet.
 let rows = [];
 
 const encoder = new TextEncoder(), decoder = new TextDecoder();
@@ -45,12 +52,26 @@ function instance() {
   web = new WebAssembly.Instance(module, {}).exports;
 }
 
-function create() {
-  write(setup.scenario);
-  held = null; due = 0; rows = []; plans = 0;
-  const answer = done(web.create(BigInt(setup.seed), BigInt(setup.trial)));
-  if (answer.ok) observe();
+function create(wanted) {
+  write(wanted.scenario);
+  const answer = done(web.create(BigInt(wanted.seed), BigInt(wanted.trial)));
+  if (!answer.ok) return answer;
+  setup = wanted;
+  friction = undefined; drift = 0; goal = null; held = null;
+  rows = []; plans = 0; due = 0; last = performance.now();
+  postMessage({ event: "created" });
+  observe();
   return answer;
+}
+
+// A change of settings or a placement begins another simulation of the robot, without friction, drift and goal.
+function restore(resume) {
+  held = null;
+  if (friction !== undefined) web.friction(friction);
+  if (drift) web.gauge_drift(drift);
+  if (!resume) goal = null;
+  if (goal) web.regulate(...goal);
+  observe();
 }
 
 // Keeps the state of the latest epoch for the page, and the planned path if it has changed.
@@ -68,7 +89,11 @@ function epoch() {
   if (held) {
     if (held.epochs % REPEAT_EPOCHS === 0) web.speed(held.speed, held.curvature);
     held.epochs += 1;
-    if (held.epochs >= held.most) { held = null; web.halt(); }
+    if (held.epochs >= held.most) {
+      held = null;
+      web.halt();
+      postMessage({ event: "released" });
+    }
   }
   const ticks = web.advance(EPOCH_TICKS);
   if (ticks < EPOCH_TICKS) {
@@ -83,7 +108,7 @@ function turn() {
   if (running) {
     due += (now - last) / 1000 * pace / EPOCH_S;
     guarded(() => { while (running && due >= 1 && performance.now() < now + BUDGET_MS) { epoch(); due -= 1; } });
-    // What this computer cannot do in time is left out: the page shows the pace that it reaches.
+    // Epochs that this computer cannot compute in time are dropped: the page shows the pace that it reaches.
     due = Math.min(due, 1 + 0.05 * pace / EPOCH_S);
   }
   last = now;
@@ -96,10 +121,10 @@ function send() {
   rows.forEach((row, i) => all.set(row, width * i));
   const count = rows.length;
   rows = [];
-  postMessage({ event: "rows", count, all, generation: setup.generation }, [all.buffer]);
+  postMessage({ event: "rows", count, all }, [all.buffer]);
 }
 
-// A panic ends the instance: a new one begins with the same robot, and the page reports it.
+// A panic ends the instance: another one begins with the same robot, and the page reports the panic.
 function guarded(run) {
   try {
     return run();
@@ -108,10 +133,9 @@ function guarded(run) {
       postMessage({ event: "error", message: String(error.message || error) });
       return { ok: false, message: "The page has an error." };
     }
-    rows = []; held = null;
     instance();
-    const again = setup.created ? create() : { ok: true };
-    postMessage({ event: "restarted", message: String(error.message || error), ok: again.ok });
+    if (setup) create(setup);
+    postMessage({ event: "restarted", message: String(error.message || error) });
     return { ok: false, message: "The program ended with an error. A new robot stands at the start." };
   }
 }
@@ -124,47 +148,58 @@ const actions = {
     plansAt = contract.state.slice(0, place).reduce((sum, [, count]) => sum + count, 0);
     return { ok: true, contract };
   },
-  create(details) {
-    setup = { ...details, created: true };
-    return create();
+  // `orders`: actions carried out before time goes on.
+  create({ seed, trial, scenario, orders }) {
+    let answer = create({ seed, trial, scenario });
+    for (const order of orders) if (answer.ok) answer = actions[order.action](order);
+    return answer;
   },
   change({ scenario }) {
-    held = null;
     write(scenario);
     const answer = done(web.change());
-    if (answer.ok) { setup.scenario = scenario; observe(); }
+    if (answer.ok) { setup.scenario = scenario; restore(true); }
     return answer;
   },
   place({ at }) {
-    held = null;
     const answer = done(web.place(...at));
-    if (answer.ok) observe();
+    if (answer.ok) restore(false);
     return answer;
   },
   regulate({ at }) {
-    held = null;
-    return done(web.regulate(...at));
+    const answer = done(web.regulate(...at));
+    if (answer.ok) { held = null; goal = at; }
+    return answer;
   },
   follow({ points }) {
-    held = null;
     numbers(points.length).set(points);
     const answer = done(web.follow(points.length / 2));
-    if (answer.ok) observe();
+    if (answer.ok) { held = null; goal = null; observe(); }
     return answer;
   },
   hold({ speed, curvature, seconds = Infinity }) {
     const answer = done(web.speed(speed, curvature));
-    held = answer.ok ? { speed, curvature, epochs: 0, most: seconds / EPOCH_S } : null;
+    if (answer.ok) { held = { speed, curvature, epochs: 0, most: seconds / EPOCH_S }; goal = null; }
     return answer;
   },
   halt() {
-    held = null;
+    held = null; goal = null;
     return done(web.halt());
   },
-  clear: () => done(web.clear()),
+  clear() {
+    held = null; goal = null;
+    return done(web.clear());
+  },
   fault: ({ number }) => done(web.fault(number)),
-  friction: ({ value }) => done(web.friction(value)),
-  drift: ({ strain }) => done(web.gauge_drift(strain)),
+  friction({ value }) {
+    const answer = done(web.friction(value));
+    if (answer.ok) friction = value;
+    return answer;
+  },
+  drift({ strain }) {
+    const answer = done(web.gauge_drift(strain));
+    if (answer.ok) drift += strain;
+    return answer;
+  },
   run({ on }) {
     running = on; due = 0; last = performance.now();
     return { ok: true };
@@ -188,7 +223,6 @@ onmessage = ({ data }) => {
   const answer = guarded(() => actions[data.action](data));
   send();
   postMessage({ event: "answer", id: data.id, answer });
-  if (data.action === "create") { last = performance.now(); }
 };
 
 setInterval(turn, TURN_MS);
