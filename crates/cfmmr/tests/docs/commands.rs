@@ -94,6 +94,7 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("cargo doc ", Check::File("ci.sh"), "ci.sh does it"),
     ("cargo flash-", Check::Alias, "needs a debug probe"),
     ("./ci.sh", Check::Script, "it runs this test"),
+    ("bindings/web/build", Check::Script, "ci.sh runs it"),
     (
         "tools/scripts/",
         Check::Script,
