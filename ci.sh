@@ -83,7 +83,7 @@ done
 cargo test --locked --release "${quick[@]}" --package cfmmr --test parts
 # With the libraries of the steps below.
 program=(--locked --release --package cfmmr --all-features)
-cargo test "${program[@]}" --package host-sim --package output --package remote --package recording --package view --lib
+cargo test "${program[@]}" --package host-sim --package output --package remote --package recording --package view --package web --lib
 cargo test "${program[@]}" --package host-sim --test '*'
 cargo test "${program[@]}" --package host-sim --doc
 cargo build "${program[@]}" --package web --example native

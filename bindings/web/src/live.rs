@@ -3,6 +3,7 @@
 use crate::drawn_path;
 use crate::faults::FAULTS;
 use core_algos::bus::LeadMode;
+use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::safety::{Condition, Permit};
@@ -358,8 +359,10 @@ impl Live {
         );
         put("speed", &[self.robot.speed()]);
         put("command", &[lead.motion.v.into(), lead.motion.psi.0.into()]);
-        put("innovation", &fused.beam.innovation.map(f64::from));
-        put("nis", &[fused.beam.nis.into()]);
+        let unknown = fused.beam.verdict == Verdict::Absent;
+        let known = |value: f32| if unknown { f64::NAN } else { value.into() };
+        put("innovation", &fused.beam.innovation.map(known));
+        put("nis", &[known(fused.beam.nis)]);
         put("mode", &[lead.mode as u8 as f64]);
         put("phase", &[lead.phase as u8 as f64]);
         put("target", &lead.target.map_or([f64::NAN; 3], posture));
