@@ -36,6 +36,8 @@ class Browser:
         address = next(page for page in pages() if page["type"] == "page")["webSocketDebuggerUrl"]
         self.socket = websocket.create_connection(address, timeout=PATIENCE_S)
         self.number, self.events = 0, []
+        # Numbers of the calls without an answer.
+        self.open_calls = set()
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
@@ -50,16 +52,27 @@ class Browser:
         """Sends a call without waiting for the answer; gives its number."""
         self.number += 1
         self.socket.send(json.dumps({"id": self.number, "method": method, "params": parameters}))
+        self.open_calls.add(self.number)
         return self.number
+
+    def receive(self):
+        message = json.loads(self.socket.recv())
+        self.open_calls.discard(message.get("id"))
+        return message
 
     def call(self, method, **parameters):
         number = self.post(method, **parameters)
         while True:
-            message = json.loads(self.socket.recv())
+            message = self.receive()
             if message.get("id") == number:
                 assert "error" not in message, (method, message["error"])
                 return message["result"]
             self.events.append(message)
+
+    def settle(self):
+        """Waits for the answers of all calls."""
+        while self.open_calls:
+            self.events.append(self.receive())
 
     def value(self, expression):
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)

@@ -3,7 +3,7 @@ Then carries out random actions.
 
 Needs Chromium and the Python package websocket-client.
 
-    check_page.py PAGE [FOLDER] [--only NAME] [--actions N] [--seeds N] [--trials N]
+    check_page.py PAGE [FOLDER] [--only NAME] [--actions N] [--seeds N …] [--trials N]
 
 PAGE: target/web/cfmmr.html; FOLDER: keeps the screenshots; --only: checks whose name contains NAME; --actions: random
 actions a seed; --trials: trials that are carried out instead of the 100 that the page asks for.
@@ -600,6 +600,23 @@ def check_faults(page):
     return "; ".join(lines)
 
 
+def check_at_once(page):
+    """A fault or a path and a new robot in the same moment: the page shows what the robot has."""
+    page.open()
+    page.pace(5)
+    page.go_on(1.0)
+    for action in ("find('faults').children[0].click()", "followPath([[-1.3, -1.34], [-0.9, -1.34], [-0.3, -1.3]])"):
+        generation = page.value("page.generation")
+        page.value(f"{action}; find('again').click()")
+        page.until(f"page.generation > {generation} && page.history.length > 0", "begins again")
+        page.go_on(3.0)
+        names = [code["name"] for code in page.codes()]
+        pressed = page.value("find('faults').children[0].getAttribute('aria-pressed') === 'true'")
+        assert pressed == ("gauge lost" in names), f"a gauge is broken on the page: {pressed}; codes of the robot: {names}"
+        assert page.value("page.task") == "goal" and page.value("page.stage.planned.length") == 0, f"task of the robot: goal; on the page: {page.value('page.task')}"
+    page.check_clean()
+
+
 def check_invalid(page):
     """The rear board is off: there is no estimate, so there is none on the scene and none in the plots."""
     page.open()
@@ -924,7 +941,7 @@ def random_run(page, seed):
         places = page.value(PLACES)
         for _ in range(min(CHUNK, page.options.actions - done)):
             random_action(page, luck, places)
-        page.value("0")
+        page.browser.settle()
         refused = [event["result"]["exceptionDetails"] for event in page.browser.events if "exceptionDetails" in event.get("result", {})]
         assert not refused, refused
         try:
@@ -933,10 +950,11 @@ def random_run(page, seed):
             raise AssertionError(f"seed {seed}, actions {done} to {done + CHUNK}: {error}") from None
         page.browser.events = [event for event in page.browser.events if event.get("method") == "Network.requestWillBeSent"]
     # The page lives: the robot of no settings reaches its goal.
+    page.browser.key_up("w")
+    page.value("Promise.all([1, 2, 3, 4].map(() => page.robot.call('pace', { value: 50 })))")
     page.value("find('trials-clear').click(); find('defaults').click()")
     page.until("page.history.length > 0 && page.faults.size === 0 && settings.world === undefined && cfmmr.time() < 100", f"seed {seed}: begins again")
     page.value("setPace(50); run(true)")
-    page.browser.key_up("w")
     page.reaches(page.value("page.contract.mission.goal"), f"seed {seed}: after random actions")
     page.check_clean()
     return page.value("watch")
@@ -944,7 +962,7 @@ def random_run(page, seed):
 
 def check_random(page):
     lines = []
-    for seed in range(1, page.options.seeds + 1):
+    for seed in page.options.seeds:
         begin = time.monotonic()
         watch = random_run(page, seed)
         lines.append(f"seed {seed}: {page.options.actions} actions in {time.monotonic() - begin:.0f} s, {watch['invalid']} frames without a valid estimate")
@@ -953,7 +971,7 @@ def check_random(page):
 
 CHECKS = [
     check_file, check_goal, check_robot, check_path, check_zigzag, check_tour, check_focus, check_keys, check_touch, check_faults,
-    check_invalid, check_no_gauges, check_settings, check_trials, check_address, check_files, check_looks, check_motion, check_random,
+    check_at_once, check_invalid, check_no_gauges, check_settings, check_trials, check_address, check_files, check_looks, check_motion, check_random,
 ]
 
 
@@ -962,8 +980,8 @@ def main():
     parser.add_argument("page")
     parser.add_argument("folder", nargs="?")
     parser.add_argument("--only", default="")
-    parser.add_argument("--actions", type=int, default=1000)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--actions", type=int, default=400)
+    parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3, 4, 5])
     parser.add_argument("--trials", type=int, default=6)
     parser.add_argument("--keep-going", action="store_true", help="report all checks that fail")
     options = parser.parse_args()
