@@ -104,6 +104,8 @@ checks_of_the_program() {
   tools/scripts/check_live.sh
   step "report pages in Chromium"
   tools/scripts/check_report.sh
+  step "the browser page"
+  tools/scripts/check_page.sh
   step "the Python package"
   tools/scripts/check_python.sh
 }

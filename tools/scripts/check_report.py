@@ -6,107 +6,22 @@ Needs Chromium and the Python package websocket-client.
     check_report.py CFMMR [FOLDER]      CFMMR: the program; FOLDER: keeps the screenshots
 """
 
-import base64
-import json
-import shutil
 import subprocess
 import sys
 import tempfile
-import time
-import urllib.request
 from pathlib import Path
 
-import websocket
+from browser import Browser
 
-PATIENCE_S = 60.0
 WIDTHS = {"desk": (1280, 900, False), "tablet": (400, 800, True), "phone": (360, 740, True)}
 
 
-class Browser:
-    """Chromium with a page, controlled by the DevTools protocol."""
-
-    def __init__(self, folder):
-        program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
-        self.process = subprocess.Popen(
-            [program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-             "--no-first-run", "--remote-debugging-port=0", "--remote-allow-origins=*",
-             f"--user-data-dir={folder}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )
-        ports = Path(folder) / "DevToolsActivePort"
-        self.until(lambda: ports.exists() and len(ports.read_text().split()) == 2, "Chromium starts")
-        port = ports.read_text().split()[0]
-        pages = lambda: json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list"))
-        self.until(lambda: any(page["type"] == "page" for page in pages()), "a page opens")
-        address = next(page for page in pages() if page["type"] == "page")["webSocketDebuggerUrl"]
-        self.socket = websocket.create_connection(address, timeout=PATIENCE_S)
-        self.number, self.events = 0, []
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.call(f"{domain}.enable")
-
-    @staticmethod
-    def until(holds, what):
-        end = time.monotonic() + PATIENCE_S
-        while not holds():
-            assert time.monotonic() < end, f"{what}: not within {PATIENCE_S} s"
-            time.sleep(0.05)
-
-    def call(self, method, **parameters):
-        self.number += 1
-        self.socket.send(json.dumps({"id": self.number, "method": method, "params": parameters}))
-        while True:
-            message = json.loads(self.socket.recv())
-            if message.get("id") == self.number:
-                assert "error" not in message, (method, message["error"])
-                return message["result"]
-            self.events.append(message)
-
-    def value(self, expression):
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in answer, (expression, answer["exceptionDetails"])
-        return answer["result"].get("value")
-
-    def open(self, path, width, height, mobile, scheme):
-        self.events.clear()
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
-                  deviceScaleFactor=2 if mobile else 1, mobile=mobile)
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-        self.call("Page.navigate", url=Path(path).resolve().as_uri())
-        self.until(lambda: self.value("document.readyState === 'complete' && !!window.report"), "the page loads")
-
-    def wrong(self):
-        """Exceptions, console errors, and requests other than the page."""
-        self.value("0")
-        found = []
-        for event in self.events:
-            method, content = event.get("method"), event.get("params", {})
-            if method == "Runtime.exceptionThrown":
-                found.append(content["exceptionDetails"])
-            elif method == "Runtime.consoleAPICalled" and content["type"] in ("error", "warning"):
-                found.append(content["args"])
-            elif method == "Log.entryAdded" and content["entry"]["source"] == "rendering":
-                pass  # Warning that reading pixels is slow, caused by this test.
-            elif method == "Log.entryAdded" and content["entry"]["level"] in ("error", "warning"):
-                found.append(content["entry"])
-            elif method == "Network.requestWillBeSent" and not content["request"]["url"].startswith(("file:", "data:")):
-                found.append(content["request"]["url"])
-        return found
-
-    def screenshot(self, path, whole):
-        shot = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        Path(path).write_bytes(base64.b64decode(shot["data"]))
-
-    def scene(self):
-        """Sum over the pixels of the scene."""
-        return self.value(
-            "(() => { const c = document.getElementById('scene'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
-            " let h = 0; for (let i = 0; i < d.length; i++) h = (h * 31 + d[i]) | 0; return h; })()"
-        )
-
-    def close(self):
-        self.socket.close()
-        self.process.terminate()
-        self.process.wait(timeout=PATIENCE_S)
+def scene(browser):
+    """Sum over the pixels of the scene."""
+    return browser.value(
+        "(() => { const c = document.getElementById('scene'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+        " let h = 0; for (let i = 0; i < d.length; i++) h = (h * 31 + d[i]) | 0; return h; })()"
+    )
 
 
 def moved(a, b):
@@ -119,7 +34,7 @@ SLIDE = (
 )
 
 
-def use(browser, name):
+def use(browser, name, width):
     """Operates every control of a page and checks the effects."""
     length = browser.value("report.length()")
     assert length > 5.0, length
@@ -128,10 +43,10 @@ def use(browser, name):
     assert browser.value("report.playing()"), name
     browser.value(SLIDE % 0.0)
     assert not browser.value("report.playing()"), name
-    start, empty = browser.value("report.pose()"), browser.scene()
+    start, empty = browser.value("report.pose()"), scene(browser)
     browser.value("document.getElementById('speed').value = '20'; document.getElementById('play').click()")
     browser.until(lambda: browser.value("report.time()") > 0.5 * length, f"{name}: playing")
-    assert moved(browser.value("report.pose()"), start) > 0.05 and browser.scene() != empty, name
+    assert moved(browser.value("report.pose()"), start) > 0.05 and scene(browser) != empty, name
     browser.until(lambda: not browser.value("report.playing()"), f"{name}: the end")
     assert browser.value("report.time()") == length, name
     poses, scenes = [], []
@@ -139,25 +54,25 @@ def use(browser, name):
         browser.value(SLIDE % share)
         assert abs(browser.value("report.time()") - share * length) < 0.02, name
         poses.append(browser.value("report.pose()"))
-        scenes.append(browser.scene())
+        scenes.append(scene(browser))
     assert len(set(scenes)) == 3 and moved(poses[0], poses[1]) > 0.02, (name, poses)
     # A click in the middle of a plot selects the middle of the time.
     box = browser.value(
         "(() => { const c = document.querySelector('.plot canvas'); c.scrollIntoView({ block: 'center' });"
         " const b = c.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()"
     )
-    at = {"x": box[0] + 46 + (box[2] - 54) / 2, "y": box[1] + box[3] / 2, "button": "left", "clickCount": 1}
-    for kind in ("mousePressed", "mouseReleased"):
-        browser.call("Input.dispatchMouseEvent", type=kind, **at)
+    browser.click(box[0] + 46 + (box[2] - 54) / 2, box[1] + box[3] / 2)
     assert abs(browser.value("report.time()") - 0.5 * length) < 0.02 * length, name
     browser.value("document.getElementById('view').value = 'robot'; document.getElementById('view').dispatchEvent(new Event('change'))")
-    assert browser.scene() not in scenes, name
+    assert scene(browser) not in scenes, name
     browser.value("document.getElementById('view').value = 'all'; document.getElementById('view').dispatchEvent(new Event('change')); window.scrollTo(0, 0)")
     browser.value(SLIDE % 0.45)
-    assert browser.value("document.documentElement.scrollWidth <= window.innerWidth"), f"{name}: wider than the window"
+    # A phone enlarges its window to what the page needs, so the width of the screen counts.
+    wide = browser.value("document.documentElement.scrollWidth")
+    assert wide <= width, f"{name}: {wide} px wide"
     outside = browser.value(
         "[...document.querySelectorAll('main *')].filter((e) => !e.closest('pre')"
-        " && e.getBoundingClientRect().right > window.innerWidth + 0.5).map((e) => e.tagName + ' ' + e.className)"
+        f" && e.getBoundingClientRect().right > {width} + 0.5).map((e) => e.tagName + ' ' + e.className)"
     )
     assert not outside, (name, outside)
     cells = browser.value("[...document.querySelectorAll('#summary td')].map((cell) => cell.textContent)")
@@ -190,8 +105,9 @@ def main():
                 for width, (w, h, mobile) in WIDTHS.items():
                     for scheme in ("light", "dark"):
                         case = f"{run}-{width}-{scheme}"
-                        browser.open(folder / run / "report.html", w, h, mobile, scheme)
-                        use(browser, case)
+                        browser.emulate(w, h, mobile, scheme)
+                        browser.open(folder / run / "report.html", "window.report")
+                        use(browser, case, w)
                         assert not browser.wrong(), (case, browser.wrong())
                         browser.screenshot(shots / f"{case}.png", whole=True)
                         count += 1
