@@ -26,7 +26,7 @@ async function start() {
   }
   const module = await unpack();
   const error = ({ message }) => report("Worker: " + message);
-  page.robot = new Simulation({ rows: takeRows, created, planned, released, halted, restarted, error });
+  page.robot = new Simulation({ rows: takeRows, created, ordered, planned, released, halted, restarted, error });
   const { contract } = await page.robot.call("load", { module });
   page.contract = contract;
   readAddress(contract);
