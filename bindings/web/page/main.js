@@ -63,7 +63,7 @@ async function start() {
 
 // For tests.
 window.cfmmr = {
-  ready: () => page.ready && Boolean(page.history.latest),
+  ready: () => page.ready && page.frames > 0,
   time: () => state("time_s")[0],
   state: (name) => Array.from(state(name)),
   goal: () => page.stage.goal,
