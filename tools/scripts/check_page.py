@@ -233,6 +233,9 @@ def check_file(page):
     page.open()
     page.go_on(5.0)
     page.shot("desk")
+    imports = page.value("WebAssembly.Module.imports(page.trials.module).length")
+    assert imports == 0, f"{imports} imports of the WebAssembly module"
+    assert page.value("page.robot.worker instanceof Worker"), "the simulation is not in a Worker"
     page.check_clean()
     return f"{size} bytes, ready after {page.value('readyMs'):.0f} ms, busy {page.value('cfmmr.busy()'):.1f} ms a frame at ×1 (p50)"
 
