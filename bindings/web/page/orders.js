@@ -75,7 +75,7 @@ async function followPath(stroke) {
     if (stage.stroke === stroke) stage.stroke = [];
     stage.refusal = null;
     page.task = "path";
-    note("The robot follows the path. It begins at rest.");
+    note(`Path accepted: ${label(lengthOf(stage.planned), 0.1)} m. The robot begins it at rest.`);
     run(true);
   } else {
     refuse(answer.message, stroke[0]);
@@ -97,6 +97,7 @@ function planned({ path, message }) {
   dirty();
 }
 
+const lengthOf = (line) => line.slice(1).reduce((sum, at, i) => sum + apart(line[i], at), 0);
 const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
 
 // `order(speed, curvature)` drives by hand; `order(null)` stops.

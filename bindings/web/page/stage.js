@@ -108,8 +108,11 @@ class Stage {
     this.trails.truth.forEach((line) => drawLine(view, line, color("--truth"), 2));
     this.trails.estimate.forEach((line) => drawLine(view, line, color("--estimate"), 1, dash("--estimate")));
     if (this.goal) {
+      // Faint unless the robot drives to the goal.
+      view.g.globalAlpha = page.task === "goal" ? 1 : 0.4;
       drawGoal(view, this.goal, this.contract.mission.tolerance);
       this.drawTip(view, this.goal, color("--goal"));
+      view.g.globalAlpha = 1;
     }
     if (Number.isFinite(target[0])) drawCircle(view, target, 5, color("--goal"), 2);
     this.drawBody(view, row);

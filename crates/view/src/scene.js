@@ -90,10 +90,10 @@ function drawCross(view, at, style, size) {
 
 // Goal with its tolerance: a circle of positions and a sector of headings.
 function drawGoal(view, goal, [radius, angle]) {
-  const { g, scale, X, Y } = view, [x, y, phi] = goal;
+  const { g, scale, X, Y } = view, [x, y, phi] = goal, alpha = g.globalAlpha;
   drawCircle(view, goal, radius * scale, color("--goal"), 1.2, [4, 3]);
   g.beginPath(); g.moveTo(X(x), Y(y)); g.arc(X(x), Y(y), Math.max(radius, 0.16) * scale, -phi - angle, -phi + angle); g.closePath();
-  g.globalAlpha = 0.25; g.fillStyle = color("--goal"); g.fill(); g.globalAlpha = 1;
+  g.globalAlpha = 0.25 * alpha; g.fillStyle = color("--goal"); g.fill(); g.globalAlpha = alpha;
   drawCross(view, goal, color("--goal"), 0.1);
 }
 
