@@ -100,7 +100,8 @@ class Page:
         assert self.value("watch.drawn") == 0, f"an estimate that is not valid was drawn {self.value('watch.drawn')} times"
 
     def shot(self, name, whole=False):
-        self.browser.screenshot(self.shots / f"{name}.png", whole)
+        if self.shots:
+            self.browser.screenshot(self.shots / f"{name}.png", whole)
 
     def state(self, name):
         return self.value(f"cfmmr.state('{name}')")
@@ -233,6 +234,9 @@ def check_file(page):
     page.open()
     page.go_on(5.0)
     page.shot("desk")
+    imports = page.value("WebAssembly.Module.imports(page.trials.module).length")
+    assert imports == 0, f"{imports} imports of the WebAssembly module"
+    assert page.value("page.robot.worker instanceof Worker"), "the simulation is not in a Worker"
     page.check_clean()
     return f"{size} bytes, ready after {page.value('readyMs'):.0f} ms, busy {page.value('cfmmr.busy()'):.1f} ms a frame at ×1 (p50)"
 
@@ -984,15 +988,16 @@ def main():
     parser.add_argument("page")
     parser.add_argument("folder", nargs="?")
     parser.add_argument("--only", default="")
-    parser.add_argument("--actions", type=int, default=400)
+    parser.add_argument("--actions", type=int, default=200)
     parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3, 4, 5])
     parser.add_argument("--trials", type=int, default=6)
     parser.add_argument("--keep-going", action="store_true", help="report all checks that fail")
     options = parser.parse_args()
     failed = []
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
-        shots = Path(options.folder or Path(name) / "shots")
-        shots.mkdir(parents=True, exist_ok=True)
+        shots = Path(options.folder) if options.folder else None
+        if shots:
+            shots.mkdir(parents=True, exist_ok=True)
         browser = Browser(Path(name) / "profile")
         try:
             page = Page(browser, options.page, shots, options)
