@@ -48,10 +48,11 @@ class Browser:
             assert time.monotonic() < end, f"{what}: not within {PATIENCE_S} s"
             time.sleep(0.02)
 
-    def post(self, method, **parameters):
-        """Sends a call without waiting for the answer; gives its number."""
+    def post(self, method, session=None, **parameters):
+        """Sends a call without waiting for the answer; gives its number. `session`: of a Worker."""
         self.number += 1
-        self.socket.send(json.dumps({"id": self.number, "method": method, "params": parameters}))
+        to = {"sessionId": session} if session else {}
+        self.socket.send(json.dumps({"id": self.number, "method": method, "params": parameters, **to}))
         self.open_calls.add(self.number)
         return self.number
 
@@ -60,8 +61,8 @@ class Browser:
         self.open_calls.discard(message.get("id"))
         return message
 
-    def call(self, method, **parameters):
-        number = self.post(method, **parameters)
+    def call(self, method, session=None, **parameters):
+        number = self.post(method, session, **parameters)
         while True:
             message = self.receive()
             if message.get("id") == number:
@@ -79,10 +80,20 @@ class Browser:
         assert "exceptionDetails" not in answer, (expression, answer["exceptionDetails"])
         return answer["result"].get("value")
 
+    def in_worker(self, expression):
+        """Value of an expression in the Worker of the page."""
+        self.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=False, flatten=True)
+        workers = [event["params"] for event in self.events if event.get("method") == "Target.attachedToTarget"]
+        session = next(one["sessionId"] for one in reversed(workers) if one["targetInfo"]["type"] == "worker")
+        answer = self.call("Runtime.evaluate", session, expression=expression, returnByValue=True)
+        self.call("Target.setAutoAttach", autoAttach=False, waitForDebuggerOnStart=False, flatten=True)
+        assert "exceptionDetails" not in answer, (expression, answer["exceptionDetails"])
+        return answer["result"].get("value")
+
     def emulate(self, width, height, mobile=False, scheme="light", motion="no-preference"):
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=2 if mobile else 1, mobile=mobile)
-        self.call("Emulation.setTouchEmulationEnabled", enabled=mobile)
+        self.call("Emulation.setTouchEmulationEnabled", enabled=mobile, maxTouchPoints=2)
         self.call("Emulation.setEmulatedMedia", features=[
             {"name": "prefers-color-scheme", "value": scheme}, {"name": "prefers-reduced-motion", "value": motion}])
 

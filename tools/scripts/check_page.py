@@ -732,6 +732,27 @@ def row_at(page, seconds):
     return page.value(f"Array.from(page.history.row(page.history.index({seconds - 0.001})), String)")
 
 
+def check_panic(page):
+    """The program ends with an error: the page reports it, and a new robot drives."""
+    page.open("#seed=3&imu=true")
+    page.pace(20)
+    page.go_on(4.0)
+    page.inject("gauge wire breaks")
+    page.browser.in_worker("web = { ...web, advance() { throw new WebAssembly.RuntimeError('unreachable'); } }; 0")
+    page.until("find('note').textContent.includes('ended with an error')", "the error on the page")
+    errors = page.value("cfmmr.errors()")
+    assert len(errors) == 1 and "unreachable" in errors[0], errors
+    page.until("cfmmr.time() < 4 || page.history.length > 0", "a new robot")
+    assert page.value("page.faults.size") == 0, "the new robot has no fault"
+    assert page.value("location.hash") == "#seed=3&imu=true" and page.value("find('imu').checked"), page.value("location.hash")
+    page.value("run(true)")
+    page.click("again")
+    page.go_on(2.0)
+    page.reaches(page.value("cfmmr.goal()"), "after an error")
+    page.value("cfmmr.errors().length = 0")
+    page.check_clean()
+
+
 def check_address(page):
     """Seed and scenario in the address give the same robot again."""
     def robot(fragment):
@@ -909,7 +930,8 @@ def random_drag(browser, luck, places):
 def random_action(page, luck, places):
     browser = page.browser
     run = lambda text: browser.post("Runtime.evaluate", expression=text)
-    kind = luck.choices(["control", "drag", "draw", "key", "wheel", "resize", "fault", "setting", "scheme"], [30, 20, 6, 20, 4, 2, 8, 9, 1])[0]
+    kind = luck.choices(["control", "drag", "draw", "touch", "key", "wheel", "resize", "fault", "setting", "scheme"], [28, 18, 5, 5, 20, 4, 2, 8, 9, 1])[0]
+    fingers = luck.choice((1, 1, 2))
     if kind == "control":
         run(OPERATE % (luck.random(), luck.random()))
     elif kind == "drag":
@@ -917,6 +939,12 @@ def random_action(page, luck, places):
     elif kind == "draw":
         run("setDrawing(true)")
         random_drag(browser, luck, places)
+    elif kind == "touch":
+        x, y, width, height = places["box"]
+        finger = lambda n: {"x": x + luck.random() * width, "y": y + luck.random() * height, "id": n}
+        for step in ["touchStart", "touchMove", "touchMove", luck.choice(["touchEnd", "touchCancel"])]:
+            ends = step in ("touchEnd", "touchCancel")
+            browser.post("Input.dispatchTouchEvent", type=step, touchPoints=[] if ends else [finger(n) for n in range(fingers)])
     elif kind == "key":
         name = luck.choice(NAMES)
         up, down = browser.key_event(name, luck.choice((0, 0, 0, SHIFT)))
@@ -943,6 +971,8 @@ def random_run(page, seed):
     luck = random.Random(seed)
     page.open(f"#seed={seed}")
     page.browser.call("Browser.setDownloadBehavior", behavior="deny")
+    page.browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    page.until("page.stage.view", "the first frame")
     # The page can change its pace; the fastest one comes back.
     for done in range(0, page.options.actions, CHUNK):
         page.value("setPace(50)")
@@ -979,7 +1009,7 @@ def check_random(page):
 
 CHECKS = [
     check_file, check_goal, check_robot, check_path, check_zigzag, check_tour, check_focus, check_keys, check_touch, check_faults,
-    check_at_once, check_invalid, check_no_gauges, check_settings, check_trials, check_address, check_files, check_looks, check_motion, check_random,
+    check_at_once, check_invalid, check_no_gauges, check_settings, check_trials, check_panic, check_address, check_files, check_looks, check_motion, check_random,
 ]
 
 
