@@ -114,7 +114,6 @@ step "hostile input"
 tools/scripts/fuzz.sh
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
-joined
 step "the same bytes in WebAssembly"
 tools/scripts/check_web.sh
 step "the paper's experiment with virtual boards in a session"
@@ -130,4 +129,5 @@ step "faults on virtual boards"
 timeout 900 target/release/cfmmr faults --on virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"
 crates/virtual-board/oracle/check_can_bits.sh 2000
+joined
 step "all passed"
