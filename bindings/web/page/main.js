@@ -26,7 +26,7 @@ async function start() {
   }
   const module = await unpack();
   const error = ({ message }) => report("Worker: " + message);
-  page.robot = new Simulation({ rows: takeRows, created, planned, released, halted, restarted, error });
+  page.robot = new Simulation({ rows: takeRows, created, ordered, planned, released, halted, restarted, error });
   const { contract } = await page.robot.call("load", { module });
   page.contract = contract;
   readAddress(contract);
@@ -63,7 +63,7 @@ async function start() {
 
 // For tests.
 window.cfmmr = {
-  ready: () => page.ready && Boolean(page.history.latest),
+  ready: () => page.ready && page.frames > 0,
   time: () => state("time_s")[0],
   state: (name) => Array.from(state(name)),
   goal: () => page.stage.goal,

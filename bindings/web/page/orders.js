@@ -6,30 +6,35 @@
 // Drift of the gauges by one press of the button.
 const DRIFT = 20e-6;
 
-// A new robot, and its first orders.
-async function create(orders) {
+// A new robot, and its first orders; `ordered` shows their effects.
+function create(orders) {
   note("");
   showSettings();
   writeAddress();
   return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), orders });
 }
 
-// A new robot drives to the goal, with these faults.
-async function begin(faults = []) {
-  const orders = [{ action: "regulate", at: goal() }, ...faults.map((number) => ({ action: "fault", number }))];
-  if (!(await create(orders)).ok) return;
-  page.task = "goal";
-  faults.forEach(showInjected);
-}
+// A new robot drives to the goal.
+const begin = (orders = []) => create([{ action: "regulate", at: goal() }, ...orders]);
 
 // The Worker has a new robot.
 function created() {
+  // Number of robots so far, for tests.
   page.generation += 1;
   page.history.clear();
   page.stage.clear();
   page.drift = 0; page.faults.clear();
   setTask(null);
   showSettings();
+}
+
+// The Worker has carried out an order of a new robot.
+function ordered({ order }) {
+  const effects = {
+    regulate: () => setTask("goal"), hold: () => setTask("hand"), fault: () => showInjected(order.number),
+    friction: () => { settings.friction = order.value; showSettings(); writeAddress(); },
+  };
+  effects[order.action]();
 }
 
 // Task of the robot. A planned path belongs to the task before.

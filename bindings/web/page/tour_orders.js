@@ -9,43 +9,29 @@ function resetSettings(changes) {
   Object.assign(settings, { seed }, changes);
 }
 
-// The paper's drive with these settings and no others, and with these faults.
-function experiment(changes, faults) {
+// The paper's drive with these settings and no others, and with these orders.
+function experiment(changes, orders) {
   resetSettings(changes);
   showPart("all");
   run(true);
-  return begin(faults);
-}
-
-// True when this robot has reached a time; false if another robot was made.
-function reached(time) {
-  const { generation } = page;
-  return new Promise((resolve) => {
-    const poll = () => {
-      if (generation !== page.generation) resolve(false);
-      else if (state("time_s")[0] >= time) resolve(true);
-      else setTimeout(poll, 20);
-    };
-    poll();
-  });
+  return begin(orders);
 }
 
 const tourOrders = {
   experiment,
-  async curve() {
+  curve() {
     resetSettings({});
     showPart("robot");
     run(true);
     const { speed, curvature } = page.contract.limits;
-    const task = { action: "hold", speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 };
-    if ((await create([task])).ok) page.task = "hand";
+    return create([{ action: "hold", speed: 0.75 * speed, curvature: 0.7 * curvature, seconds: 9 }]);
   },
   breakGauge() {
-    return experiment({}, [page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge"))]);
+    const number = page.contract.faults.findIndex((fault) => fault.name.startsWith("gauge"));
+    return experiment({}, [{ action: "fault", number }]);
   },
-  async slip() {
-    await experiment({});
-    if (await reached(SLIP_AT_S)) await setFriction(SLIPPERY);
+  slip() {
+    return experiment({}, [{ action: "friction", value: SLIPPERY, at_s: SLIP_AT_S }]);
   },
   async paper() {
     const seed = { seed: settings.seed };

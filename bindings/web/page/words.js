@@ -10,7 +10,7 @@ function placeIn(text) {
 
 // Reason of a refused path without the waypoints, which the visitor does not see. Curvatures become radii.
 function pathReason(message) {
-  const text = message.replace(/^path: /, "").replace(/s = [0-9.]+ m, /, "").replace(/ \(near waypoint [0-9]+\)/, "");
+  const text = message.replace(/^path: /, "").replace(/s = [0-9.]+ m, /, "").replace(/ \(near waypoint [0-9]+\)/, "").replace(/= -/g, "= −");
   const found = /^curvature (-?[0-9.]+) 1\/m at (.*): the frame allows at most ([0-9.]+) 1\/m/.exec(text);
   if (!found) return text;
   const radius = (curvature) => cm(1 / Math.abs(Number(curvature)));

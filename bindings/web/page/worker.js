@@ -15,7 +15,9 @@ let plans = 0, plansAt;
 // Seed, trial and scenario of the robot on the scene; null for the Workers of the trials.
 let setup = null;
 // Orders that outlast a change of settings or a placement of the robot.
-let friction, drift, goal;
+let friction, drifts, goal;
+// Orders with a time, earliest first, and epochs since the robot was created.
+let timed = [], epochs = 0;
 // Speed and curvature that are commanded until the next order.
 let held = null;
 // Clock: epochs that are due, and time of the latest turn, ms.
@@ -57,7 +59,8 @@ function create(wanted) {
   const answer = done(web.create(BigInt(wanted.seed), BigInt(wanted.trial)));
   if (!answer.ok) return answer;
   setup = wanted;
-  friction = undefined; drift = 0; goal = null; held = null;
+  friction = undefined; drifts = []; goal = null; held = null;
+  timed = []; epochs = 0;
   rows = []; plans = 0; due = 0; last = performance.now();
   postMessage({ event: "created" });
   observe();
@@ -68,7 +71,7 @@ function create(wanted) {
 function restore(resume) {
   held = null;
   if (friction !== undefined) web.friction(friction);
-  if (drift) web.gauge_drift(drift);
+  for (const strain of drifts) web.gauge_drift(strain);
   if (!resume) goal = null;
   if (goal) web.regulate(...goal);
   observe();
@@ -85,7 +88,14 @@ function observe() {
   postMessage({ event: "planned", path: numbers(2 * count).slice(), message: refusal });
 }
 
+function carryOut(order) {
+  const answer = actions[order.action](order);
+  if (answer.ok) postMessage({ event: "ordered", order });
+  return answer;
+}
+
 function epoch() {
+  while (timed.length && epochs * EPOCH_S >= timed[0].at_s) carryOut(timed.shift());
   if (held) {
     if (held.epochs % REPEAT_EPOCHS === 0) web.speed(held.speed, held.curvature);
     held.epochs += 1;
@@ -100,6 +110,7 @@ function epoch() {
     running = false;
     postMessage({ event: "halted", message: message() });
   }
+  epochs += 1;
   observe();
 }
 
@@ -148,10 +159,12 @@ const actions = {
     plansAt = contract.state.slice(0, place).reduce((sum, [, count]) => sum + count, 0);
     return { ok: true, contract };
   },
-  // `orders`: actions carried out before time goes on.
+  // `orders`: actions carried out before time goes on, or at the time `at_s`.
   create({ seed, trial, scenario, orders }) {
     let answer = create({ seed, trial, scenario });
-    for (const order of orders) if (answer.ok) answer = actions[order.action](order);
+    if (!answer.ok) return answer;
+    timed = orders.filter((order) => order.at_s);
+    for (const order of orders) if (answer.ok && !order.at_s) answer = carryOut(order);
     return answer;
   },
   change({ scenario }) {
@@ -197,7 +210,7 @@ const actions = {
   },
   drift({ strain }) {
     const answer = done(web.gauge_drift(strain));
-    if (answer.ok) drift += strain;
+    if (answer.ok) drifts.push(strain);
     return answer;
   },
   run({ on }) {
