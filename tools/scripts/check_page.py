@@ -162,8 +162,11 @@ class Page:
     def still_view(self):
         """Stops the camera, so that pixels of the floor stay. Gives nothing."""
         self.choose("view", "all")
-        self.until("find('view').value === 'all' && page.stage.wanted(page.history.latest).every((v, k) => Math.abs(v - page.stage.bounds[k]) < 0.02)", "the camera rests")
+        self.camera_rests()
         self.choose("view", "free")
+
+    def camera_rests(self):
+        self.until("(dirty(), page.stage.wanted(page.history.latest).every((v, k) => Math.abs(v - page.stage.bounds[k]) < 0.01))", "the camera rests")
 
     def pixel(self, at):
         """Pixel in the window of a place on the floor, m."""
@@ -370,6 +373,8 @@ def check_tour(page):
         text = page.text("tour-text")
         assert text.count(".") == 1 and text.endswith("."), f"one sentence: {text}"
         generation = page.value("page.generation")
+        # The floor becomes slippery at a time: a slow simulation is still on its way then.
+        page.pace(5 if step is tour_slip else 50)
         page.browser.key("Enter")
         if step is not tour_paper:
             page.until(f"page.generation > {generation} && page.history.length > 50", f"step {number}: begins again")
@@ -686,13 +691,17 @@ def check_settings(page):
         assert math.dist(truth[:2], page.state("truth")[:2]) < 0.005, f"{name}: the robot jumps"
         if page.one("valid"):
             assert math.dist(estimate[:2], page.state("estimate")[:2]) < 0.005, f"{name}: the estimate jumps"
+        error = lambda: [a - b for a, b in zip(page.state("estimate")[:2], page.state("truth")[:2])]
+        page.pace(1)
         page.start_time()
+        page.go_on(0.1)
+        jump = math.dist(error(), [a - b for a, b in zip(estimate[:2], truth[:2])])
+        assert page.one("valid") and jump < 0.01, f"{name}: valid {page.one('valid')}, the error of the estimate changes by {jump} m"
+        page.pace(5)
         page.go_on(1.5)
-        off = math.dist(page.state("truth")[:2], page.state("estimate")[:2])
-        assert page.one("valid") and off < 0.06, f"{name}: valid {page.one('valid')}, estimate {off} m beside the robot; {page.text('sentence')}"
+        off, before_off = math.dist(page.state("truth")[:2], page.state("estimate")[:2]), math.dist(truth[:2], estimate[:2])
+        assert page.one("valid") and off < before_off + 0.08, f"{name}: valid {page.one('valid')}, estimate {off} m beside the robot, before {before_off} m"
         lines.append(f"{name} {1000 * off:.0f} mm")
-    page.pace(50)
-    page.reaches(page.value("cfmmr.goal()"), "after all settings")
     hash = page.value("location.hash")
     assert "friction=0.45" in hash and "imu=true" in hash and "world=careful" in hash, hash
     page.check_clean()
@@ -723,7 +732,7 @@ def check_trials(page):
     page.click("trials-clear")
     assert page.value("find('trials').rows.length === 0 && page.stage.clouds.length === 0")
     page.check_clean()
-    return str(rows)
+    return "; ".join(f"{row[0][2:]} {row[2]}" for row in rows)
 
 
 def row_at(page, seconds):
@@ -866,10 +875,15 @@ def check_looks(page):
             page.shot(case, whole=True)
             page.check_clean()
     # The scheme changes while the page is open.
+    page.open(size=PHONE, scheme="dark")
+    page.go_on(1.0)
+    page.stop_time()
+    page.choose("view", "robot")
+    page.camera_rests()
     before = page.pixels("--body")
     page.browser.emulate(*PHONE, True, "light")
     after = page.pixels("--body")
-    assert before > 100 and after > 0.5 * before, f"pixels in the colour of the robot: {before}, in the other scheme {after}"
+    assert before > 1000 and after > 0.8 * before, f"pixels in the colour of the robot: {before}, in the other scheme {after}"
 
 
 def check_motion(page):
