@@ -152,7 +152,7 @@ conditions! {
     BusOff = 0x84 "bus off" 20 ms:
         "the CAN controller is in bus-off after too many errors"; "check cable, termination and bit rate".
     EstimateInconsistent = 0x85 "estimate inconsistent" 200 ms:
-        "the beam contradicts wheels and gyros: uneven ground or a wrong sensor"; "on ground with steps above 10 mm, drive elsewhere; on a floor, check wheels, gauges and calibration".
+        "the beam contradicts wheels and gyros: uneven or slippery ground, or a wrong sensor"; "drive on a floor with grip and no steps above 10 mm; there, check wheels, gauges and calibration".
     FrameBent = 0x86 "frame bent" 30 ms:
         "the steering exceeds the limit of the frame"; "check for an obstacle or a slipping wheel; straighten the frame".
     WrenchHigh = 0x87 "wrench high" 30 ms:
