@@ -784,8 +784,12 @@ def check_address(page):
         different = sum(a != b for a, b in zip(row_at(page, 5.0), rows[fragment]))
         assert different == 0, f"{fragment}: Begin again: {different} of {len(rows[fragment])} values differ after 5 s from those of the page loaded again"
     assert len(set(map(tuple, rows.values()))) == 3, "different addresses, the same robot"
-    # An address with nonsense gives the robot of no settings.
-    assert robot("#seed=x&world=moon&friction=99&goal=a,b&start=1") == robot(""), "nonsense in the address"
+    # An address with nonsense gives the robot of no settings, and each entry is named.
+    nonsense = "seed=x&world=moon&friction=99&goal=a,b&start=1"
+    page.open("#" + nonsense)
+    named = page.text("note")
+    assert all(entry in named for entry in nonsense.split("&")), named
+    assert robot("#" + nonsense) == robot(""), "nonsense in the address"
     page.choose("seed", "seven")
     assert "seed" in page.text("note").lower() and page.value("find('seed').value") == "1"
     page.check_clean()

@@ -35,7 +35,7 @@ function connect() {
   });
   document.addEventListener("keydown", key);
   window.addEventListener("resize", () => { dirty(); page.plots.drawAll(); });
-  window.addEventListener("hashchange", () => { readAddress(page.contract); begin(); });
+  window.addEventListener("hashchange", beginByAddress);
   // A hidden page needs no simulation.
   document.addEventListener("visibilitychange", () => { if (page.running) page.robot.call("run", { on: !document.hidden }); });
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty(); page.plots.drawAll(); });

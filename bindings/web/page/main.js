@@ -29,7 +29,6 @@ async function start() {
   page.robot = new Simulation({ rows: takeRows, created, ordered, planned, released, halted, restarted, error });
   const { contract } = await page.robot.call("load", { module });
   page.contract = contract;
-  readAddress(contract);
   page.layout = new Layout(contract.state);
   page.history = new History(page.layout);
   page.stage = new Stage(find("scene"), contract, page.layout);
@@ -52,9 +51,7 @@ async function start() {
   find("version").textContent = contract.version;
   showKey();
   connect();
-  await begin();
-  // The robot without settings, if the scenario of the address is refused.
-  if (!page.history.latest) { resetSettings({}); await begin(); }
+  await beginByAddress();
   run(!reducedMotion.matches);
   find("loading").hidden = true;
   page.ready = true;

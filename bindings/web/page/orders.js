@@ -17,6 +17,16 @@ function create(orders) {
 // A new robot drives to the goal.
 const begin = (orders = []) => create([{ action: "regulate", at: goal() }, ...orders]);
 
+// A new robot with the settings of the address. Without settings, if they are refused together.
+async function beginByAddress() {
+  const ignored = readAddress(page.contract);
+  await begin();
+  if (page.history.latest && !ignored.length) return;
+  const refusal = find("note").textContent;
+  if (!page.history.latest) { resetSettings({}); await begin(); }
+  note(ignored.length ? `The page ignores these entries of the address: ${ignored.join(", ")}.` : refusal, true);
+}
+
 // The Worker has a new robot.
 function created() {
   // Number of robots so far, for tests.

@@ -37,7 +37,7 @@ function writeAddress() {
   if (hash !== window.location.hash) window.history.replaceState(null, "", hash);
 }
 
-// Unknown names and values out of range are ignored: a visitor may type an address.
+// Reads the address, which a visitor may type; gives the entries that are unknown or out of range.
 function readAddress(contract) {
   const given = new URLSearchParams(window.location.hash.slice(1)), found = { seed: "1" };
   const one = (name, list) => { if (list.includes(given.get(name))) found[name] = given.get(name); };
@@ -55,4 +55,6 @@ function readAddress(contract) {
   posture("start"); posture("goal");
   Object.keys(settings).forEach((name) => delete settings[name]);
   Object.assign(settings, found);
+  const read = (name) => found[name] !== undefined && (name !== "seed" || found.seed === given.get("seed"));
+  return [...given].filter(([name]) => !read(name)).map(([name, value]) => `${name}=${value}`);
 }
