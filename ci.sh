@@ -29,13 +29,15 @@ if ! command -v cargo >/dev/null; then
   exit 1
 fi
 target=thumbv7em-none-eabihf
-if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d; then
-  step "installing the Rust target $target"
-  rustup target add "$target" || {
-    echo "ci.sh: the Rust target $target is missing: rustup target add $target" >&2
-    exit 1
-  }
-fi
+for needed in "$target" wasm32-unknown-unknown; do
+  if ! rustc --print target-libdir --target "$needed" 2>/dev/null | xargs test -d; then
+    step "installing the Rust target $needed"
+    rustup target add "$needed" || {
+      echo "ci.sh: the Rust target $needed is missing: rustup target add $needed" >&2
+      exit 1
+    }
+  fi
+done
 
 # Comes over the network, beside what is built.
 . tools/scripts/python_tools.sh

@@ -10,10 +10,8 @@ if ! command -v node >/dev/null; then
   exit 1
 fi
 if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d; then
-  rustup target add "$target" || {
-    echo "check_web.sh: the Rust target $target is missing: rustup target add $target" >&2
-    exit 1
-  }
+  echo "check_web.sh: the Rust target $target is missing: rustup target add $target" >&2
+  exit 1
 fi
 cargo build --quiet --locked --profile web --package web --lib --target "$target"
 if [ -z "${CFMMR_BUILT:-}" ]; then
