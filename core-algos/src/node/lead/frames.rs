@@ -37,9 +37,9 @@ pub(super) fn step(
     let distance_m = sqrt(moved.x * moved.x + moved.y * moved.y);
     let [x, y, turn] = map.minus(odom);
     let gap_m = sqrt(x * x + y * y);
-    let most_m = distance_m * greater(DRAWN_M_PER_M, DRAWN_SHARE_PER_M * gap_m);
+    let most_m = distance_m * greater(DRAWN_SHARE_PER_M * gap_m, DRAWN_M_PER_M);
     let share = (most_m / gap_m.max(1e-9)).min(1.0);
-    let most = distance_m * greater(DRAWN_RAD_PER_M, DRAWN_SHARE_PER_M * turn.abs());
+    let most = distance_m * greater(DRAWN_SHARE_PER_M * turn.abs(), DRAWN_RAD_PER_M);
     let turn = clamp(turn, -most, most);
     Posture::new(
         odom.x + share * x,
