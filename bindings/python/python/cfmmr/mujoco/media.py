@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 FRAMES_PER_S = 5
 _SIZE = (420, 260)
-_COLOURS = 48
 """Width and height of a film, pixels."""
+_COLOURS = 48
+"""Colours of a film."""
 
 
 class MediaError(Exception):
