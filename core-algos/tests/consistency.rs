@@ -315,6 +315,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
             front,
             rear,
             beam: Some(Estimate::with_sigmas(posture(measured), sigmas)),
+            ..Inputs::default()
         });
     }
     Drive {

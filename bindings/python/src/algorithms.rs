@@ -459,6 +459,7 @@ impl Fusion {
             front: read(["front[0]", "front[1]"], front)?.map(increment),
             rear: read(["rear[0]", "rear[1]"], rear)?.map(increment),
             beam: read(["beam[0]", "beam[1]"], beam)?,
+            ..Inputs::default()
         };
         let mut held = lock(&self.state);
         let (state, output) = &mut *held;

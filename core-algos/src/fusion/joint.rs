@@ -26,14 +26,15 @@
 //! use core_algos::fusion::Estimate;
 //! use core_algos::fusion::constants;
 //! use core_algos::fusion::joint::Config;
-//! use core_algos::math::Posture;
+//! use core_algos::math::{Posture, RelativeHeading};
 //!
 //! let filter = Config::default().build(0.01)?;
 //! let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3, 1e-3, 2e-3]);
 //! let frame = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3, 1e-3, 4e-3]);
 //! let mut state = filter.start(&robot, &frame, 0.005);
 //! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
-//! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
+//! let alone = [RelativeHeading(0.0); 2];
+//! filter.predict(&mut state, &step, &step, [0.0; 2], alone, 1.0);
 //! // The beam measures a left turn of the front axle: a true turn, or the zeros of its gauges.
 //! let measured = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
 //! let update = filter.update(&mut state, &measured, |nis| nis < 40.0);
@@ -352,21 +353,26 @@ impl Joint {
 
     /// Time update by odometry. `front` and `rear` are increments in the axles' own coordinates at the start, each with
     /// the covariance of its error in those at the end. `gyro_shares` are the shares of the time in which the heading
-    /// came from a gyro; `ticks` is the duration of the increments.
+    /// came from a gyro; `neighbours` are the relative headings of the frames ahead of the front axle and behind the
+    /// rear axle, 0 for a missing frame; `ticks` is the duration of the increments.
     pub fn predict(
         &self,
         state: &mut State,
         front: &Estimate,
         rear: &Estimate,
         gyro_shares: [f32; 2],
+        neighbours: [RelativeHeading; 2],
         ticks: f32,
     ) {
         let dt = ticks * self.t;
         let [front_share, rear_share] = gyro_shares;
+        let [ahead, behind] = neighbours;
         let step = |axle: usize, moved: Posture, gyro_share: f32| IncrementInputs {
             axle,
             moved,
-            relative_heading: state.loading,
+            relative_heading: RelativeHeading(
+                state.loading.0 - if axle == 0 { ahead.0 } else { behind.0 },
+            ),
             dt,
             gyro_share,
         };

@@ -25,7 +25,7 @@ pub mod track;
 
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
-use crate::math::trig::sqrt;
+use crate::math::trig::{sin_cos, sqrt};
 
 /// A posture with the covariance of its error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -50,6 +50,19 @@ impl Estimate {
     /// A posture with independent errors of the given standard deviations (m, m, rad).
     pub fn with_sigmas(posture: Posture, sigmas: [f32; 3]) -> Self {
         Self::new(posture, matrix::diagonal(sigmas.map(|sigma| sigma * sigma)))
+    }
+
+    /// Estimate of the point `distance` (m) ahead on a rigid body.
+    #[must_use]
+    pub fn ahead(&self, distance: f32) -> Self {
+        let (posture, turned) = (self.posture.advance(distance, 0.0), self.posture.phi);
+        let (sin, cos) = sin_cos(turned);
+        let carried = [
+            [1.0, 0.0, -distance * sin],
+            [0.0, 1.0, distance * cos],
+            [0.0, 0.0, 1.0],
+        ];
+        Self::new(posture, matrix::propagate(&carried, &self.covariance))
     }
 
     /// Half axes of the 95 % region: longer half axis of the position ellipse (m), half the interval of the heading

@@ -47,6 +47,7 @@
 //!         front: Some(moved(1e-4)),
 //!         rear: Some(moved(-1e-4)),
 //!         beam: Some(straight),
+//!         ..Inputs::default()
 //!     });
 //! }
 //! let apart = output.front.posture.phi - output.rear.posture.phi;
@@ -161,6 +162,9 @@ pub struct Inputs {
     /// Front axle's posture in the rear axle's coordinates, measured by the beam, with the covariance of
     /// its noise.
     pub beam: Option<Estimate>,
+    /// Relative headings of the neighbouring frames, ahead of the front axle and behind the rear axle, which load
+    /// these axles too; 0 for a missing frame.
+    pub neighbours: [RelativeHeading; 2],
 }
 
 /// Fused postures after a tick, and what the fusion did with the beam's measurement.
@@ -304,8 +308,10 @@ impl RobotFusion {
             Tracks::Joint(joint) => joint.relative().posture.phi,
         });
         let uneven = state.unevenness.value;
-        let front = self.with_slip(front, heading, uneven);
-        let rear = self.with_slip(rear, heading, uneven);
+        // The moment of a frame on its front axle is opposite to its moment on its rear axle.
+        let [ahead, behind] = inputs.neighbours.map(|bend| bend.0);
+        let front = self.with_slip(front, RelativeHeading(heading.0 - ahead), uneven);
+        let rear = self.with_slip(rear, RelativeHeading(heading.0 - behind), uneven);
 
         let mut output = Output::default();
         let beam = inputs.beam.filter(|_| complete && self.uses_beam());
@@ -352,8 +358,14 @@ impl RobotFusion {
                 }
                 let loading = joint.loading();
                 let (relative, heading) = (joint.relative_posture(), joint.rear().phi);
-                self.joint
-                    .predict(joint, &front.estimate, &rear.estimate, shares, ticks);
+                self.joint.predict(
+                    joint,
+                    &front.estimate,
+                    &rear.estimate,
+                    shares,
+                    inputs.neighbours,
+                    ticks,
+                );
                 if !complete {
                     self.joint.keep_loading(joint, loading);
                 }

@@ -39,7 +39,7 @@ use super::lead::{self, LeadNode, Own};
 use super::robot::RobotConfig;
 use crate::bus::Message;
 use crate::config::ConfigError;
-use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
+use crate::time::{EPOCH, Micros, is_epoch_start};
 use crate::topology::{Role, Wheels};
 
 /// Readings of a board's sensors at a tick.
@@ -198,8 +198,11 @@ impl Board {
                 lead: Some(lead),
             } => {
                 let mut output = step_axle(axle, now, samples, outbox);
-                if now % EPOCH == LEAD_PHASE {
+                let (phase, work) = (now % EPOCH, lead.phases());
+                if phase == *work.end() {
                     output.lead = Some(lead.step_with(now, outbox, own));
+                } else if work.contains(&phase) {
+                    lead.fuse_ahead(now, own);
                 } else if !is_epoch_start(now) {
                     lead.prepare();
                 }

@@ -17,6 +17,7 @@
 mod config;
 mod frames;
 mod fuse;
+mod fused;
 mod own;
 mod pair;
 mod send;
@@ -25,8 +26,11 @@ mod track;
 mod watch;
 
 pub use config::{Algorithms, Config, Limits};
+use fuse::Fusing;
+use fused::Fused;
+pub use fused::MAX_INNER;
 pub use own::Own;
-use pair::{Fused, Pair};
+use pair::Pair;
 pub use task::{Activity, Placement, Task};
 use track::AxleTrack;
 
@@ -42,12 +46,7 @@ use crate::math::{Posture, Transform, Twist};
 use crate::safety::supervisor;
 use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
-use crate::topology::{Node, Topology};
-
-/// Topology of the lead node's robot. [`AXLES`] and [`PAIRS`] are the lengths of the lists.
-const ROBOT: Topology = Topology::PAIR;
-const AXLES: usize = ROBOT.axle_count();
-const PAIRS: usize = AXLES - 1;
+use crate::topology::{MAX_AXLES, MAX_FRAMES, Node};
 
 /// Age above which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
@@ -101,18 +100,18 @@ pub struct Output {
     pub failed: Option<Condition>,
     /// Operating state of the lead node, and its reason.
     pub supervision: supervisor::Output,
+    /// Estimated postures of the axles between the first and the last in the frame `map`, front first.
+    pub inner: [Option<Posture>; MAX_INNER],
 }
 
-/// What the lead node keeps from one step to the next, except path and trajectory.
+/// What the lead node keeps from one step to the next, except its large parts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
-    /// Reports and odometry of the axles, front first.
-    tracks: [AxleTrack; AXLES],
-    /// Pairs of neighbouring axles, front first.
-    pairs: [Pair; PAIRS],
     /// Posture of O in the frame `odom`.
     odom: Option<Posture>,
+    /// Posture of O in the frame `map` at the latest estimate.
+    map: Option<Posture>,
     regulator: regulator::State,
     /// True if the user's controller has begun the task.
     begun: bool,
@@ -195,9 +194,15 @@ pub struct LeadNode {
     with: Algorithms,
     /// Placement that the user's estimator has not received.
     placement: Option<Placement>,
-    /// Buffers of path and trajectory. Outside of `state`, which passes over the stack: the buffers are three times as
-    /// large as `state`.
+    // The next four are outside of `state`, which passes over the stack: each is larger than `state`.
+    /// Buffers of path and trajectory.
     path_task: path_task::State,
+    /// Reports and odometry of the axles, front first.
+    tracks: [AxleTrack; MAX_AXLES],
+    /// Pairs of neighbouring axles, front first.
+    pairs: [Pair; MAX_FRAMES],
+    /// Reports and estimates of the epoch whose pairs are being fused.
+    fusing: Fusing,
     state: State,
 }
 
@@ -208,6 +213,9 @@ impl LeadNode {
             with: algorithms,
             placement: None,
             path_task: path_task::State::EMPTY,
+            tracks: [AxleTrack::EMPTY; MAX_AXLES],
+            pairs: [const { Pair::EMPTY }; MAX_FRAMES],
+            fusing: Fusing::default(),
             state: State::default(),
         }
     }
@@ -216,26 +224,41 @@ impl LeadNode {
     pub fn restart(&mut self) {
         self.placement = None;
         self.path_task.clear();
+        self.tracks.fill(AxleTrack::EMPTY);
+        for pair in &mut self.pairs {
+            *pair = Pair::EMPTY;
+        }
+        self.fusing = Fusing::default();
         self.state = State::default();
     }
 
     /// Restarts with the robot at rest at `placement`.
     pub fn initialize(&mut self, placement: &Placement) {
         self.restart();
-        let (center, relative) = (&placement.center, &placement.relative);
-        let [pair] = &mut self.state.pairs;
-        pair.fusion = Some(
-            self.with
-                .fusion
-                .start(center, relative, placement.floor_drift),
-        );
+        let (relative, floor_drift) = (&placement.relative, placement.floor_drift);
+        let frames = self.frame_count();
+        for (k, pair) in self.pairs.iter_mut().enumerate().take(frames) {
+            // The chain is straight, and O is in its middle.
+            let center = match frames {
+                1 => placement.center,
+                _ => {
+                    let ahead = 0.5 * (frames - 1) as f32 - k as f32;
+                    placement.center.ahead(ahead * relative.posture.x)
+                }
+            };
+            pair.fusion = Some(self.with.fusion.start(&center, relative, floor_drift));
+        }
         self.placement = Some(*placement);
     }
 
-    /// State of the fusion of axles and beam; `None` before the start.
+    /// Phases in an epoch, µs: from the first fusion of a pair ([`Self::fuse_ahead`]) to the step.
+    pub fn phases(&self) -> core::ops::RangeInclusive<Micros> {
+        self.with.begin()..=self.with.step_phase()
+    }
+
+    /// State of the fusion of the first two axles and their beam; `None` before the start.
     pub fn fusion(&self) -> Option<&robot::State> {
-        let [pair] = &self.state.pairs;
-        pair.fusion.as_ref()
+        self.pairs[0].fusion.as_ref()
     }
 
     /// Sets the task, which begins from the current motion.
@@ -265,7 +288,7 @@ impl LeadNode {
 
     /// Activity of the robot, on which the action of its button depends.
     pub fn activity(&self, now: Micros) -> Activity {
-        let (_, failed) = self.state.peers.others(Node::Lead, ROBOT, now);
+        let (_, failed) = self.state.peers.others(Node::Lead, self.with.topology, now);
         let faulted = failed || self.state.supervisor.operating() == OperatingState::Fault;
         let idle = matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear);
         match idle || self.state.is_over() || self.state.released {
@@ -295,7 +318,8 @@ impl LeadNode {
     /// begin an epoch nor run [`Self::step`]. Without this call the next step does all of the work, with the same
     /// result.
     pub fn prepare(&mut self) {
-        for pair in &mut self.state.pairs {
+        let frames = self.frame_count();
+        for pair in self.pairs.iter_mut().take(frames) {
             let fusion = pair.fusion.as_mut();
             if fusion.is_some_and(|fusion| self.with.fusion.prepare(fusion)) {
                 return;
@@ -320,12 +344,15 @@ impl LeadNode {
         self.begin(own);
         self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now, own);
-        if let (Some(fused), Some(fusion)) = (&fused, self.fusion()) {
+        if let Some(fused) = &fused {
             // A robot that stops on its path keeps `odom`.
             let waits = self.state.task.is_on_path() && !self.state.is_over();
             let moving = waits || self.state.governor.motion.v.abs() > REST_M_S;
-            let (moved, map) = (fusion.moved(), fused.robot().posture);
+            let map = fused.robot().posture;
+            let still = (map.phi, Posture::ORIGIN);
+            let moved = self.moved(map).unwrap_or(still);
             self.state.odom = Some(frames::step(self.state.odom, moved, map, moving));
+            self.state.map = Some(map);
         }
         let supervision = self.supervise(now, fused.as_ref(), outbox);
         let driving = matches!(supervision.permit, Permit::Hold | Permit::Drive);
@@ -372,6 +399,7 @@ impl LeadNode {
             target: decision.target,
             done: decision.done && !self.state.lost,
             failed: decision.failed,
+            inner: fused.inner(),
         }
     }
 

@@ -17,6 +17,8 @@ use crate::topology::{AxleId, FrameId, Topology};
 declare! {
     /// Dimensions and stiffness of the robot as configured.
     pub struct Geometry {
+        /// Number of axles. A frame joins each two neighbouring axles.
+        pub axles: u32 = 2, "": Range(2.0, 5.0);
         /// Flexible length of the frame (the paper's L).
         pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
         /// Rigid length between each end of the flexible part and the nearer axle.
@@ -201,9 +203,12 @@ impl RobotConfig {
         Ok(())
     }
 
-    /// Topology of the robot: two axles.
+    /// Topology of the robot. A number of axles that is not allowed counts as two; [`Self::build`] refuses it.
     pub const fn topology(&self) -> Topology {
-        Topology::PAIR
+        match Topology::new(self.geometry.axles as usize) {
+            Some(topology) => topology,
+            None => Topology::PAIR,
+        }
     }
 
     /// Builds the nodes; the error names the parameter that is wrong.
@@ -240,7 +245,7 @@ impl RobotConfig {
     /// Builds the algorithms of the lead node.
     pub fn build_lead(&self) -> Result<lead::Algorithms, ConfigError> {
         self.check()?;
-        self.completed().lead.build()
+        self.completed().lead.build(self.topology())
     }
 }
 

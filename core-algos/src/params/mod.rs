@@ -35,7 +35,7 @@ pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
 use crate::beam::PerGauge;
-use crate::config::{Allowed, ConfigError, declare};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::Posture;
 use crate::node::board::Board;
 use crate::node::robot::{RobotConfig, START};
@@ -55,6 +55,17 @@ use declare::{Declared, Field, Kind};
         pub drive: Drive = Drive::default();
         /// Drive that the front board's button starts.
         pub button: Button = Button::default();
+        /// Place of the board in the robot.
+        pub board: Place = Place::default();
+    }
+}
+
+declare! {
+    /// Place of a board in the robot.
+    pub struct Place {
+        /// Number of the board's axle or frame from the front, beginning with 0. An axle board with an open strap is
+        /// the front axle, whatever this value is.
+        pub place: u32 = 0, "": Range(0.0, 4.0);
     }
 }
 
@@ -145,12 +156,29 @@ impl Settings {
                 .and_then(PerGauge::new)
                 .unwrap_or(*zeros);
         }
-        Self::new(robot)
+        let place = match role {
+            Role::Axle(axle) => axle.0,
+            Role::Beam(frame) => frame.0,
+        };
+        Self {
+            board: Place {
+                place: place.into(),
+            },
+            ..Self::new(robot)
+        }
     }
 
     /// Checks that the nodes of a board can be built from the settings; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         self.inertial.check_ranges()?;
+        require(
+            self.robot.topology().has(role),
+            "board.place",
+            self.board.place as f32,
+            Allowed::Condition(
+                "a place of the robot: less than robot.geometry.axles, of a beam board one less",
+            ),
+        )?;
         if !role.is_beam() {
             self.drive.check()?;
         }

@@ -318,6 +318,8 @@ parameters! {
     100 v 1 number button.goal.y;
     101 v 1 number button.goal.phi;
     102 v 1 Press button.action;
+    103 v 1 count robot.geometry.axles;
+    104 v 1 count board.place;
 }
 
 #[cfg(test)]

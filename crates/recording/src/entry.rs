@@ -80,6 +80,12 @@ impl Hex {
             _ => None,
         }
     }
+
+    /// As [`Self::value`], also for a value of an earlier version, which lacked the bytes `before` and `after`.
+    pub fn value_or_earlier<T: DeserializeOwned>(&self, before: &[u8], after: &[u8]) -> Option<T> {
+        let whole = || Self([before, &self.0, after].concat());
+        self.value().or_else(|| whole().value())
+    }
 }
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";

@@ -4,6 +4,9 @@ use crate::fusion::testing::{
     Random, covariance_error, inverse, is_definite, quadratic, random_covariance, wide,
 };
 
+/// Relative headings of missing neighbouring frames.
+const ALONE: [RelativeHeading; 2] = [RelativeHeading(0.0); 2];
+
 fn start() -> (Joint, State) {
     let joint = Config::default().build(0.01).unwrap();
     let robot = Estimate::with_sigmas(Posture::new(1.0, -0.5, 2.0), [2e-3, 3e-3, 4e-3]);
@@ -84,13 +87,13 @@ fn predicted_covariance_equals_propagation_by_central_differences() {
     let noise1 = random_covariance(&mut random, [3e-4; 3], 0.5);
     let noise2 = random_covariance(&mut random, [3e-4; 3], 0.5);
     let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
-    joint.predict(&mut state, &f1, &f2, shares, 5.0);
+    joint.predict(&mut state, &f1, &f2, shares, ALONE, 5.0);
 
     // Derivatives by central differences of the mean alone.
     let go = |s: &State, d1: Posture, d2: Posture| {
         let mut s = *s;
         let [d1, d2] = [d1, d2].map(|d| Estimate::new(d, [[0.0; 3]; 3]));
-        joint.predict(&mut s, &d1, &d2, shares, 5.0);
+        joint.predict(&mut s, &d1, &d2, shares, ALONE, 5.0);
         s
     };
     let centre = go(&state, front, rear);
@@ -126,7 +129,7 @@ fn predicted_covariance_equals_propagation_by_central_differences() {
     let (by_front, by_rear) = (by_noise(true), by_noise(false));
 
     let before = state.covariance.matrix();
-    joint.predict(&mut state, &f1, &f2, shares, 5.0);
+    joint.predict(&mut state, &f1, &f2, shares, ALONE, 5.0);
     let after = state.covariance.matrix();
     for i in 0..N {
         for j in 0..N {
@@ -160,7 +163,7 @@ fn update_equals_the_batch_update_in_f64() {
         let noise = random_covariance(&mut random, [1e-3; 3], 0.5);
         let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise);
         for _ in 0..3 {
-            joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
+            joint.predict(&mut state, &step, &step, [0.5; 2], ALONE, 1.0);
         }
         let r = random_covariance(&mut random, [2e-4; 3], 0.5);
         let innovation = [1e-3, -2e-3, 3e-3];
@@ -238,7 +241,7 @@ fn positive_definite_over_a_hundred_thousand_ticks() {
     let step = Estimate::with_sigmas(Posture::new(0.0025, 0.0, 0.004), [5e-5, 2e-5, 2e-4]);
     let beam = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [5e-5, 5e-5, 2e-4]);
     for tick in 0..100_000 {
-        joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
+        joint.predict(&mut state, &step, &step, [0.5; 2], ALONE, 1.0);
         joint.update(&mut state, &beam, |_| true);
         if tick % 64 == 0 {
             joint.condition(&mut state, 64);
@@ -311,7 +314,7 @@ fn forgetting_a_gyro_bias_resets_that_bias_alone() {
     let (joint, mut state) = start();
     let moved = Estimate::with_sigmas(Posture::new(0.002, 0.0, 0.003), [1e-5; 3]);
     for _ in 0..300 {
-        joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
+        joint.predict(&mut state, &moved, &moved, [1.0; 2], ALONE, 1.0);
         let relative = state.relative();
         let measured = Posture::new(relative.posture.x, 0.02, 0.2);
         let beam = Estimate::with_sigmas(measured, [1e-4, 1e-4, 2e-4]);
@@ -364,7 +367,7 @@ fn drive([steady, floor_drift]: [f32; 2], turn: f32, by: [f32; 2]) -> (State, Po
         let rear = Posture::new(forward, 0.0, 1e-3 + turn * forward.abs());
         let front = shape.inverse().compose(rear.compose(shape));
         let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [1e-6; 3]));
-        joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
+        joint.predict(&mut state, &front, &rear, [1.0; 2], ALONE, 1.0);
         world = world.compose(rear.posture);
         world.x += by[0] * forward.abs();
         world.y += by[1] * forward.abs();
@@ -429,7 +432,7 @@ fn inconsistent_sensor_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Inco
         let mut front = shape.inverse().compose(rear.compose(shape));
         (front.x, front.phi) = (front.x * (1.0 + scale), front.phi * (1.0 + turn_scale));
         let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [2e-5, 2e-5, 1e-5]));
-        joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
+        joint.predict(&mut state, &front, &rear, [1.0; 2], ALONE, 1.0);
         let measured = Estimate::with_sigmas(measured, [1e-4, 1e-4, 5e-4]);
         joint.update(&mut state, &measured, |_| true);
     }

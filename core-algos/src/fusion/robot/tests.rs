@@ -45,6 +45,7 @@ fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
         front: Some(moved),
         rear: Some(moved),
         beam,
+        ..Inputs::default()
     }
 }
 
@@ -147,6 +148,7 @@ fn lost_increment_is_covered_by_the_next_increment() {
                     front: get(0),
                     rear: get(1),
                     beam: None,
+                    ..Inputs::default()
                 };
                 output = fusion.step(&mut state, &inputs);
             }
@@ -435,6 +437,7 @@ fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
         front: Some(increments[0]),
         rear: Some(increments[1]),
         beam: None,
+        ..Inputs::default()
     };
     let mut output = Output::default();
     for _ in 0..STEPS {
@@ -588,6 +591,7 @@ fn reported_motion_of_o_is_by_odometry_alone() {
                 front,
                 rear,
                 beam: Some(straight()),
+                ..Inputs::default()
             };
             let output = fusion.step(&mut state, &inputs);
             let (heading, moved) = state.moved();
@@ -737,8 +741,17 @@ fn increment_not_finite_counts_as_absent_and_unusable_beam_as_invalid() {
     {
         let fusion = fusion(mode);
         let fresh = start(&fusion, Posture::ORIGIN);
-        let step =
-            |front, rear, beam| fusion.step(&mut fresh.clone(), &Inputs { front, rear, beam });
+        let step = |front, rear, beam| {
+            fusion.step(
+                &mut fresh.clone(),
+                &Inputs {
+                    front,
+                    rear,
+                    beam,
+                    ..Inputs::default()
+                },
+            )
+        };
         let (sound, beam) = (Some(forward()), Some(straight()));
         for spoil in increments {
             let mut moved = forward();
@@ -795,6 +808,7 @@ fn bias_walk_spans_the_longer_increment_and_loading_stays_while_one_is_missing()
             front: front.map(turned),
             rear: rear.map(turned),
             beam: None,
+            ..Inputs::default()
         };
         fusion.step(&mut state, &inputs);
         let walked = walk * walk * 0.01 * f64::from(ticks);
@@ -814,6 +828,7 @@ fn bias_walk_spans_the_longer_increment_and_loading_stays_while_one_is_missing()
         front: Some(turned(1)),
         rear: Some(rest()),
         beam: None,
+        ..Inputs::default()
     };
     fusion.step(&mut state, &inputs);
     let joint = state.joint().unwrap();
@@ -842,6 +857,7 @@ fn zeroed_gyro_loses_its_bias_estimate_and_the_other_keeps_it() {
             front: inputs[0],
             rear: inputs[1],
             beam: None,
+            ..Inputs::default()
         };
         fusion.step(&mut state, &inputs);
         let left = state.joint().unwrap().constants();
@@ -893,6 +909,7 @@ fn over_ridges(ridges: u16, rate_per_m: f32) -> (State, f32, f32) {
                 front: Some(moved(50)),
                 rear: Some(moved(120)),
                 beam: Some(straight()),
+                ..Inputs::default()
             },
         );
         most_uneven = most_uneven.max(state.unevenness.value);
@@ -992,6 +1009,7 @@ fn beam_is_refused_while_the_budget_is_spent() {
                 posture: Posture::new(straight().posture.x + offset, 0.0, 0.0),
                 ..straight()
             }),
+            ..Inputs::default()
         };
         fusion.step(&mut state, &inputs).beam.verdict
     });

@@ -11,7 +11,8 @@ use crate::math::Wrench;
 use crate::node::path_task::{self, PathTask};
 use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
-use crate::time::{EPOCH_S, Micros};
+use crate::time::{EPOCH_S, LEAD_PHASE, Micros, TICK};
+use crate::topology::Topology;
 
 declare! {
     /// Parameters of the lead node.
@@ -77,11 +78,12 @@ impl Limits {
 
 impl Config {
     /// Builds the algorithms of the node; the error names the parameter that is wrong.
-    pub fn build(&self) -> Result<Algorithms, ConfigError> {
+    pub fn build(&self, topology: Topology) -> Result<Algorithms, ConfigError> {
         self.check_ranges()?;
         self.limits.check_ranges()?;
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
+            topology,
             limits: self.limits,
             ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             frame_length: self.cascade.frame_length_m,
@@ -100,6 +102,7 @@ impl Config {
 /// The algorithms of a lead node, without its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algorithms {
+    pub(super) topology: Topology,
     pub(super) report_timeout: Micros,
     pub(super) longest_hold: Micros,
     pub(super) fusion: RobotFusion,
@@ -111,4 +114,18 @@ pub struct Algorithms {
     pub(super) ramp: ramp::Ramp,
     pub(super) frame_length: f32,
     pub(super) supervisor: Supervisor,
+}
+
+impl Algorithms {
+    /// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They
+    /// take 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
+    pub const fn begin(&self) -> Micros {
+        LEAD_PHASE + TICK * self.topology.axle_count().saturating_sub(3) as Micros
+    }
+
+    /// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
+    /// [`Self::begin`] on, the last one in the step.
+    pub const fn step_phase(&self) -> Micros {
+        self.begin() + TICK * (self.topology.frame_count() - 1) as Micros
+    }
 }

@@ -1,16 +1,53 @@
 //! Reports of the other nodes, and the estimates at the latest epoch that all axles have reported.
+//!
+//! The fusion of a pair of axles takes 0.3 ms on a board. With several pairs the work is spread over the ticks before
+//! the step: [`LeadNode::fuse_ahead`] fuses one pair a tick, and the step the last one.
 
-use super::pair::{Fused, Pair, neighbours};
-use super::track::{AxleReport, AxleTrack, EPOCHS, SETTLING};
-use super::{LeadNode, Own, PAIRS, State};
+use super::fused::Fused;
+use super::pair::{Pair, PairReports, neighbours};
+use super::track::{Advance, AxleReport, AxleTrack, EPOCHS, SETTLING};
+use super::{LeadNode, Own};
 use crate::bus::Message;
-use crate::fusion::Estimate;
-use crate::math::Twist;
+use crate::fusion::{Estimate, robot};
+use crate::math::{Posture, RelativeHeading, Twist};
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
-use crate::topology::{AxleId, FrameId};
+use crate::topology::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES};
 
 /// Longest wait for a measurement of the beam that locates a restarted axle.
 const REJOIN_PATIENCE: Micros = 500_000;
+
+/// Reports of an epoch, and the estimates of the pairs that are fused already.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fusing {
+    /// True from the collection of the reports to the fusion of the last pair.
+    under_way: bool,
+    /// Motion of the axles.
+    motion: [Advance; MAX_AXLES],
+    /// True for an axle whose odometry restarted.
+    restarted: [bool; MAX_AXLES],
+    /// Measurements of the frames.
+    beams: [Option<Stamped<Estimate>>; MAX_FRAMES],
+    /// Relative headings of the axles of each pair at the epoch before.
+    bends: [RelativeHeading; MAX_FRAMES],
+    /// Outputs of the pairs.
+    pairs: [robot::Output; MAX_FRAMES],
+    /// Number of pairs that are fused.
+    count: usize,
+}
+
+impl Default for Fusing {
+    fn default() -> Self {
+        Self {
+            under_way: false,
+            motion: [Advance::Unknown; MAX_AXLES],
+            restarted: [false; MAX_AXLES],
+            beams: [None; MAX_FRAMES],
+            bends: [RelativeHeading::default(); MAX_FRAMES],
+            pairs: [robot::Output::default(); MAX_FRAMES],
+            count: 0,
+        }
+    }
+}
 
 impl LeadNode {
     /// Takes in a message that arrived at `now`.
@@ -22,7 +59,7 @@ impl LeadNode {
                 sequence,
                 wrench,
             } => {
-                let Some(pair) = self.state.pair(frame) else {
+                let Some(pair) = self.pair(frame) else {
                     return;
                 };
                 pair.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
@@ -32,7 +69,7 @@ impl LeadNode {
                 sequence,
                 posture,
             } => {
-                let Some(report) = self.state.report(axle) else {
+                let Some(report) = self.report(axle) else {
                     return;
                 };
                 report.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
@@ -48,7 +85,7 @@ impl LeadNode {
                 uptime,
                 ..
             } => {
-                let Some(report) = self.state.report(axle) else {
+                let Some(report) = self.report(axle) else {
                     return;
                 };
                 let uptime = Micros::from(uptime) * EPOCH;
@@ -63,7 +100,7 @@ impl LeadNode {
                 sequence,
                 covariance,
             } => {
-                let Some(report) = self.state.report(axle) else {
+                let Some(report) = self.report(axle) else {
                     return;
                 };
                 report.uncertainty = Some(Stamped::new(covariance, epoch_start(now, sequence)));
@@ -74,7 +111,7 @@ impl LeadNode {
                 posture,
                 gauges,
             } if gauges > 0 => {
-                let Some(pair) = self.state.pair(frame) else {
+                let Some(pair) = self.pair(frame) else {
                     return;
                 };
                 pair.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
@@ -85,7 +122,7 @@ impl LeadNode {
                 sequence,
                 covariance,
             } => {
-                let Some(pair) = self.state.pair(frame) else {
+                let Some(pair) = self.pair(frame) else {
                     return;
                 };
                 pair.uncertainty = Some(Stamped::new(covariance, epoch_start(now, sequence)));
@@ -95,65 +132,137 @@ impl LeadNode {
         }
     }
 
-    /// Advances the estimates to the latest epoch that all axles have reported; `None` while reports are missing or a
-    /// restarted axle settles, or if the estimates of a user's estimator are not sound.
-    pub(super) fn fuse(&mut self, now: Micros, own: &mut Own<'_>) -> Option<Fused> {
-        let Self { with, state, .. } = self;
-        state.unsound = false;
-        if state.pairs.iter().any(|pair| pair.fusion.is_none()) {
-            return None;
+    /// Collects the reports of the latest epoch that all axles have reported. False while reports are missing or a
+    /// restarted axle settles.
+    fn collect(&mut self, now: Micros) -> bool {
+        let (axles, frames) = (self.axle_count(), self.frame_count());
+        let (tracks, pairs) = (&mut self.tracks, &self.pairs);
+        if pairs.iter().take(frames).any(|pair| pair.fusion.is_none()) {
+            return false;
         }
-        for track in &state.tracks {
-            if track.report.whole?.0.age(now) > with.report_timeout {
-                return None;
-            }
+        let timeout = self.with.report_timeout;
+        let late = |track: &AxleTrack| {
+            let whole = track.report.whole;
+            whole.is_none_or(|(posture, _)| posture.age(now) > timeout)
+        };
+        if tracks.iter().take(axles).any(late) {
+            return false;
         }
-        let at = state.latest_epoch(now);
-        let beams: [Option<Stamped<Estimate>>; PAIRS] = core::array::from_fn(|pair| {
-            state.pairs[pair].measurement(at, neighbours(&state.tracks, pair))
-        });
-        let restarted = state.tracks.each_ref().map(AxleTrack::restarted);
-        for (pair, beam) in beams.iter().enumerate() {
-            let patience = match beam.is_none() && with.fusion.uses_beam() {
+        let at = latest_epoch(&tracks[..axles.min(MAX_AXLES)], now);
+        let fusing = &mut self.fusing;
+        for (k, pair) in pairs.iter().enumerate().take(frames) {
+            let beam = pair.measurement(at, neighbours(tracks, k));
+            let patience = match beam.is_none() && self.with.fusion.uses_beam() {
                 true => REJOIN_PATIENCE,
                 false => SETTLING,
             };
-            let mut uptimes = neighbours(&restarted, pair).into_iter().flatten();
-            if uptimes.any(|uptime| *uptime < patience) {
-                return None;
+            let settles = |track: &AxleTrack| track.restarted().is_some_and(|it| it < patience);
+            if neighbours(tracks, k).into_iter().any(settles) {
+                return false;
+            }
+            fusing.beams[k] = beam;
+            fusing.bends[k] = pair.bend;
+        }
+        for (k, track) in tracks.iter_mut().enumerate().take(axles) {
+            fusing.restarted[k] = track.restarted().is_some();
+            fusing.motion[k] = track.advance(at);
+        }
+        (fusing.count, fusing.under_way) = (0, true);
+        true
+    }
+
+    /// Fuses the next pair of the reports.
+    fn fuse_pair(&mut self, now: Micros, own: &mut Own<'_>) {
+        let fusing = &mut self.fusing;
+        let k = fusing.count.min(MAX_FRAMES - 1);
+        let last = self.with.topology.frame_count() - 1;
+        let bend = |frame: Option<&RelativeHeading>| frame.copied().unwrap_or_default();
+        let ahead = k.checked_sub(1).and_then(|k| fusing.bends.get(k));
+        let behind = fusing.bends.get(k + 1).filter(|_| k < last);
+        let reports = PairReports {
+            motion: neighbours(&fusing.motion, k),
+            restarted: neighbours(&fusing.restarted, k).map(|it| *it),
+            beam: fusing.beams[k],
+            bends: [bend(ahead), bend(behind)],
+        };
+        fusing.pairs[k] = self.pairs[k].step(&self.with.fusion, now, &reports, own);
+        fusing.count = k + 1;
+    }
+
+    /// Fuses one pair ahead of the next step, unless it is the last pair. To be called at the ticks from the lead
+    /// node's [`begin`](super::Algorithms::begin) to its step, at whose `now` all reports have arrived.
+    pub fn fuse_ahead(&mut self, now: Micros, own: &mut Own<'_>) {
+        self.begin(own);
+        let ready = self.fusing.under_way || self.collect(now);
+        if ready && self.fusing.count + 1 < self.frame_count() {
+            self.fuse_pair(now, own);
+        }
+    }
+
+    /// Advances the estimates to the latest epoch that all axles have reported; `None` while reports are missing or a
+    /// restarted axle settles, or if the estimates of a user's estimator are not sound.
+    pub(super) fn fuse(&mut self, now: Micros, own: &mut Own<'_>) -> Option<Fused> {
+        self.state.unsound = false;
+        if !(self.fusing.under_way || self.collect(now)) {
+            return None;
+        }
+        while self.fusing.count < self.frame_count() {
+            self.fuse_pair(now, own);
+        }
+        self.fusing.under_way = false;
+        let fused = Fused::new(self.with.topology, &self.fusing.pairs);
+        self.state.unsound = own.estimator.is_some() && !fused.is_sound();
+        (!self.state.unsound).then_some(fused)
+    }
+
+    /// Heading of O before the latest epoch and motion of O in this epoch by odometry alone, along the axes of `map`.
+    pub(super) fn moved(&self, map: Posture) -> Option<(f32, Posture)> {
+        let frames = self.frame_count();
+        if frames == 1 {
+            return Some(self.fusion()?.moved());
+        }
+        // The change of O in `map` less the mean correction of the pairs.
+        let mut left = map.minus(self.state.map?);
+        for pair in self.pairs.iter().take(frames) {
+            for (left, corrected) in left.iter_mut().zip(pair.corrected) {
+                *left -= corrected / frames as f32;
             }
         }
-        let motion = state.tracks.each_mut().map(|track| track.advance(at));
-        let pairs = core::array::from_fn(|pair| {
-            let motion = neighbours(&motion, pair);
-            let restarted = neighbours(&restarted, pair).map(Option::is_some);
-            state.pairs[pair].step(&with.fusion, now, motion, restarted, beams[pair], own)
-        });
-        let fused = Fused { pairs };
-        state.unsound = own.estimator.is_some() && !fused.is_sound();
-        (!state.unsound).then_some(fused)
+        let [x, y, turn] = left;
+        Some((self.state.map?.phi, Posture::new(x, y, turn)))
     }
-}
 
-impl State {
+    /// Number of axles.
+    pub(super) fn axle_count(&self) -> usize {
+        self.with.topology.axle_count()
+    }
+
+    /// Number of frames.
+    pub(super) fn frame_count(&self) -> usize {
+        self.with.topology.frame_count()
+    }
+
     /// Reports of an axle; `None` for an axle that the robot does not have.
     fn report(&mut self, axle: AxleId) -> Option<&mut AxleReport> {
-        Some(&mut self.tracks.get_mut(axle.index())?.report)
+        let count = self.axle_count();
+        let mut tracks = self.tracks.iter_mut().take(count);
+        Some(&mut tracks.nth(axle.index())?.report)
     }
 
     /// The pair of axles that a frame joins; `None` for a frame that the robot does not have.
     fn pair(&mut self, frame: FrameId) -> Option<&mut Pair> {
-        self.pairs.get_mut(frame.index())
+        let count = self.frame_count();
+        self.pairs.iter_mut().take(count).nth(frame.index())
     }
+}
 
-    /// The latest epoch that all axles have reported.
-    fn latest_epoch(&self, now: Micros) -> Micros {
-        let epoch = epoch_start(now, sequence(now));
-        let mut latest = (0..EPOCHS as Micros).map(|age| epoch.saturating_sub(age * EPOCH));
-        let reported = |time: &Micros| {
-            let mut axles = self.tracks.iter();
-            axles.all(|track| track.report.past.at(*time).is_some())
-        };
-        latest.find(reported).unwrap_or(0)
-    }
+/// The latest epoch that all axles have reported.
+fn latest_epoch(tracks: &[AxleTrack], now: Micros) -> Micros {
+    let epoch = epoch_start(now, sequence(now));
+    let mut latest = (0..EPOCHS as Micros).map(|age| epoch.saturating_sub(age * EPOCH));
+    let reported = |time: &Micros| {
+        let mut axles = tracks.iter();
+        axles.all(|track| track.report.past.at(*time).is_some())
+    };
+    latest.find(reported).unwrap_or(0)
 }

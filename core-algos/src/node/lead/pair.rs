@@ -1,29 +1,31 @@
 //! A pair of neighbouring axles and the frame between them: measurements of the frame, and the estimate of the pair.
 //!
-//! Frame i joins axles i and i + 1. The pattern `[pair]` marks code that needs a decision for several pairs, such as
-//! the robot's posture; it compiles for one pair only.
+//! Frame i joins axles i and i + 1. Each pair has a fusion of its own, and an inner axle is in two pairs. See
+//! [`Fused`](super::fused::Fused) for the estimate of the whole robot.
 
 use super::track::{Advance, AxleTrack, Recent};
-use super::{AXLES, NIS_MOST, NIS_SHARE, Own, PAIRS};
+use super::{NIS_MOST, NIS_SHARE, Own};
 use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
 use crate::fusion::estimator::EstimatorOutput;
 use crate::fusion::robot::{self, PairAxle, RobotFusion};
 use crate::math::matrix::{Mat3, propagate};
-use crate::math::trig::sin_cos;
-use crate::math::{Posture, Wrench};
+use crate::math::trig::{sin_cos, wrap_angle};
+use crate::math::{Posture, RelativeHeading, Wrench};
 use crate::time::{EPOCH, Micros, Stamped};
+use crate::topology::MAX_AXLES;
 
 /// Age in epochs up to which a measurement of the frame is used.
 const BEAM_EPOCHS: Micros = 3;
 
 /// The two axles of a pair of neighbouring axles, front first, from a list of all axles.
-pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
-    [&axles[pair], &axles[pair + 1]]
+pub(super) fn neighbours<T>(axles: &[T; MAX_AXLES], pair: usize) -> [&T; 2] {
+    let front = pair.min(MAX_AXLES - 2);
+    [&axles[front], &axles[front + 1]]
 }
 
 /// Beam messages and fused estimate of a pair of neighbouring axles.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pair {
     /// Latest posture of the frame's tip, as seen from its root.
     pub(super) posture: Option<Stamped<Posture>>,
@@ -39,9 +41,29 @@ pub(super) struct Pair {
     pub(super) nis: f32,
     /// Latest wrench of the frame.
     pub(super) wrench: Option<Stamped<Wrench>>,
+    /// Relative heading of the axles at the latest estimate.
+    pub(super) bend: RelativeHeading,
+    /// Midpoint of the pair at the latest estimate; `None` before it.
+    pub(super) middle: Option<Posture>,
+    /// Correction of the midpoint by the latest estimate: the change that odometry did not report (m, m, rad).
+    pub(super) corrected: [f32; 3],
 }
 
 impl Pair {
+    /// A pair without messages and without estimate.
+    pub(super) const EMPTY: Self = Self {
+        posture: None,
+        uncertainty: None,
+        measured: Recent::EMPTY,
+        used: None,
+        fusion: None,
+        nis: 0.0,
+        wrench: None,
+        bend: RelativeHeading(0.0),
+        middle: None,
+        corrected: [0.0; 3],
+    };
+
     /// Combines posture and covariance of one epoch into a measurement.
     pub(super) fn complete(&mut self) {
         if let (Some(posture), Some(covariance)) = (self.posture, self.uncertainty)
@@ -78,17 +100,21 @@ impl Pair {
         Some(Stamped::new(Estimate::new(posture, covariance), time))
     }
 
-    /// Advances the estimate by the motion of the axles and a measurement of the frame. `restarted` is true for an
-    /// axle whose odometry restarted. The estimates of a user's estimator replace those of the fusion.
+    /// Advances the estimate by the reports of an epoch. The estimates of a user's estimator replace those of the
+    /// fusion.
     pub(super) fn step(
         &mut self,
         with: &RobotFusion,
         now: Micros,
-        [front, rear]: [&Advance; 2],
-        restarted: [bool; 2],
-        beam: Option<Stamped<Estimate>>,
+        reports: &PairReports<'_>,
         own: &mut Own<'_>,
     ) -> robot::Output {
+        let &PairReports {
+            motion: [front, rear],
+            restarted,
+            beam,
+            bends,
+        } = reports;
         let Some(fusion) = &mut self.fusion else {
             return robot::Output::default();
         };
@@ -103,6 +129,7 @@ impl Pair {
             rear: rear.increment(front),
             // The frame may have bent by more than an update of the estimate can follow.
             beam: beam.map(|beam| beam.value).filter(|_| !lost),
+            neighbours: bends,
         };
         if let Some(beam) = beam {
             self.used = Some(Stamped::new(now, beam.time));
@@ -117,6 +144,12 @@ impl Pair {
             Some((axle, beam)) => with.rejoin(fusion, axle, &output, &beam.value),
             None => output,
         };
+        let (_, moved) = fusion.moved();
+        let middle = output.robot.posture;
+        let [x, y, turn] = middle.minus(self.middle.unwrap_or(middle));
+        self.corrected = [x - moved.x, y - moved.y, wrap_angle(turn - moved.phi)];
+        self.middle = Some(middle);
+        self.bend = output.relative_heading();
         let Some(estimator) = own.estimator.as_deref_mut() else {
             return output;
         };
@@ -132,48 +165,14 @@ impl Pair {
     }
 }
 
-/// Fused estimates of an epoch.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Fused {
-    /// Output of the fusion for each pair of neighbouring axles, front first.
-    pub(super) pairs: [robot::Output; PAIRS],
-}
-
-impl Fused {
-    /// Estimate of the robot's posture: midpoint O and its heading.
-    pub(super) fn robot(&self) -> &Estimate {
-        let [pair] = &self.pairs;
-        &pair.robot
-    }
-
-    /// Postures of the axles, front first: each from the pair behind the axle, the last one from the pair ahead.
-    pub(super) fn axles(&self) -> [Posture; AXLES] {
-        let last = &self.pairs[PAIRS - 1];
-        core::array::from_fn(|axle| match self.pairs.get(axle) {
-            Some(pair) => pair.front.posture,
-            None => last.rear.posture,
-        })
-    }
-
-    /// True if a filter rejected the measurement of its frame.
-    pub(super) fn is_refused(&self) -> bool {
-        let mut pairs = self.pairs.iter();
-        pairs.any(|pair| pair.beam.verdict == Verdict::Gated)
-    }
-
-    /// True if the robot can drive by the estimates of a user's estimator.
-    pub(super) fn is_sound(&self) -> bool {
-        let mut pairs = self.pairs.iter().map(|pair| EstimatorOutput {
-            front: pair.front,
-            rear: pair.rear,
-            robot: pair.robot,
-        });
-        pairs.all(|pair| pair.is_sound())
-    }
-
-    /// The estimates in the output of the lead node.
-    pub(super) fn output(&self) -> robot::Output {
-        let [pair] = self.pairs;
-        pair
-    }
+/// Reports of an epoch for one pair of neighbouring axles.
+pub(super) struct PairReports<'a> {
+    /// Motion of the two axles, front first.
+    pub(super) motion: [&'a Advance; 2],
+    /// True for an axle whose odometry restarted.
+    pub(super) restarted: [bool; 2],
+    /// Measurement of the frame.
+    pub(super) beam: Option<Stamped<Estimate>>,
+    /// Relative headings of the frames ahead of the pair and behind it; 0 for a missing frame.
+    pub(super) bends: [RelativeHeading; 2],
 }

@@ -1,7 +1,7 @@
 //! Messages of the lead node: its status, and the references of the axles.
 
-use super::pair::Fused;
-use super::{AXLES, LeadNode, Output, RELAXED_RAD, ROBOT, Task};
+use super::fused::Fused;
+use super::{LeadNode, Output, RELAXED_RAD, Task};
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::governor;
@@ -34,9 +34,11 @@ impl LeadNode {
             steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
+        let fused = fused.as_ref();
         Output {
             mode,
-            fused: fused.unwrap_or_default().output(),
+            fused: fused.map(Fused::output).unwrap_or_default(),
+            inner: fused.map(Fused::inner).unwrap_or_default(),
             motion,
             supervision,
             ..Output::default()
@@ -48,7 +50,7 @@ impl LeadNode {
         &self,
         now: Micros,
         mode: LeadMode,
-        references: &[AxleReference; AXLES],
+        references: &[AxleReference],
         fused: &Fused,
         outbox: &mut Outbox,
     ) {
@@ -61,8 +63,8 @@ impl LeadNode {
             velocity_m_s: motion.v,
         });
         let epoch = epoch_start(now, sequence);
-        let axles = ROBOT.axles().zip(fused.axles());
-        let known = self.state.tracks.iter().zip(references);
+        let axles = self.with.topology.axles().zip(fused.axles());
+        let known = self.tracks.iter().zip(references);
         for ((axle, estimate), (track, reference)) in axles.zip(known) {
             let Some(odometry) = track.odometry else {
                 continue;
@@ -93,8 +95,7 @@ impl LeadNode {
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
     fn restart_governor_if_relaxed(&mut self, fused: &Fused) {
-        let [pair] = &fused.pairs;
-        let steering = pair.relative_heading().steering();
+        let steering = fused.pairs[0].relative_heading().steering();
         if !((steering.0 - self.state.governor.motion.psi.0).abs() <= RELAXED_RAD) {
             self.state.governor = governor::State::at_rest(steering);
         }

@@ -118,7 +118,7 @@ fn restarted_axle_is_found_by_the_beam_once_its_filter_has_settled() {
             uptimes[restarted] -= restart;
             let axles = uptimes.map(|uptime| (Posture::ORIGIN, uptime as u8));
             let output = epoch(&mut node, number, axles);
-            (output.fused, node.state.pairs[0].nis)
+            (output.fused, node.pairs[0].nis)
         };
         let mut before = step(0, straight, 0);
         for number in 1..100 {
@@ -182,9 +182,9 @@ fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
         node.receive(2 * EPOCH, &message);
     }
     epoch(&mut node, 2, [(Posture::ORIGIN, 2), (turned, 2)]);
-    let tracks = [&node.state.tracks[0], &node.state.tracks[1]];
-    node.state.pairs[0].used = None;
-    let measurement = node.state.pairs[0].measurement(2 * EPOCH, tracks).unwrap();
+    let tracks = [&node.tracks[0], &node.tracks[1]];
+    node.pairs[0].used = None;
+    let measurement = node.pairs[0].measurement(2 * EPOCH, tracks).unwrap();
     let turned = measurement.value.covariance;
     // Variances a and b along the old axes, turned by 45°: covariance (b − a)/2, variances (a + b)/2.
     for (value, expected) in [
@@ -214,7 +214,7 @@ fn wrench_and_speed_are_those_last_received() {
     };
     node.receive(EPOCH, &message);
     let expected = Some(Stamped::new(wrench, EPOCH));
-    assert_eq!(node.state.pairs[0].wrench, expected);
+    assert_eq!(node.pairs[0].wrench, expected);
     let [_, mut motion] = axle_report(AxleId(1), EPOCH, Posture::ORIGIN, 1, None);
     if let Message::AxleMotion {
         velocity_m_s,
@@ -225,7 +225,7 @@ fn wrench_and_speed_are_those_last_received() {
         (*velocity_m_s, *yaw_rate_rad_s) = (0.125, -0.25);
     }
     node.receive(EPOCH, &motion);
-    let twist = node.state.tracks[1].report.twist;
+    let twist = node.tracks[1].report.twist;
     assert_eq!((twist.v, twist.omega), (0.125, -0.25));
 }
 
@@ -262,14 +262,11 @@ fn covariance_of_an_axle_counts_once_per_epoch() {
             node.receive(4 * EPOCH, &message);
         }
     }
-    let covariances = node
-        .state
-        .tracks
-        .each_mut()
-        .map(|track| match track.advance(4 * EPOCH) {
-            track::Advance::Moved(increment) => increment.covariance,
-            other => panic!("{other:?}"),
-        });
+    let [front, rear, ..] = &mut node.tracks;
+    let covariances = [front, rear].map(|track| match track.advance(4 * EPOCH) {
+        track::Advance::Moved(increment) => increment.covariance,
+        other => panic!("{other:?}"),
+    });
     let expected = [diagonal([0.0; 3]), diagonal([3e-9, 6e-9, 9e-9])];
     for (covariance, expected) in covariances.iter().flatten().zip(expected.iter().flatten()) {
         for (value, expected) in covariance.iter().zip(expected) {
@@ -286,8 +283,8 @@ fn measurement_of_the_frame_is_used_once() {
             node.receive(number * EPOCH, &message);
         }
         let measurement = |node: &LeadNode| {
-            let tracks = [&node.state.tracks[0], &node.state.tracks[1]];
-            node.state.pairs[0].measurement(number * EPOCH, tracks)
+            let tracks = [&node.tracks[0], &node.tracks[1]];
+            node.pairs[0].measurement(number * EPOCH, tracks)
         };
         assert!(measurement(&node).is_some(), "{number}");
         epoch(&mut node, number, [(Posture::ORIGIN, number as u8); 2]);
@@ -358,7 +355,7 @@ fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
     assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
     assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
-    assert!((0.0..NIS_LIMIT).contains(&node.state.pairs[0].nis));
+    assert!((0.0..NIS_LIMIT).contains(&node.pairs[0].nis));
 }
 
 /// The limits are coordinates of 100 km, standard deviations of 1 km (or rad), and a floor drift of 1.
@@ -445,12 +442,13 @@ fn estimate_waits_for_an_axle_that_is_late_by_an_epoch() {
             }
             node.step(now + LEAD_PHASE, &mut Outbox::new());
         }
-        let epochs = node.state.tracks.map(|track| track.odometry.unwrap().time);
-        assert_eq!(epochs, [4 * EPOCH; 2], "{late:?}");
+        for track in &node.tracks[..2] {
+            assert_eq!(track.odometry.unwrap().time, 4 * EPOCH, "{late:?}");
+        }
         // An advance to the same epoch is no motion.
-        let again = node.state.tracks[0].advance(4 * EPOCH);
+        let again = node.tracks[0].advance(4 * EPOCH);
         assert_eq!(again, track::Advance::Unknown);
-        let mut report = node.state.tracks[0].report;
+        let mut report = node.tracks[0].report;
         report.uptime = Some(Stamped::new(0, 9 * EPOCH));
         report.posture = Some(Stamped::new(Posture::ORIGIN, 9 * EPOCH));
         report.complete();
@@ -511,7 +509,7 @@ fn posture_and_covariance_of_one_epoch_make_a_measurement() {
                 node.receive(now, message);
             }
             assert_eq!(
-                node.state.pairs[0].measured.at(now).is_some(),
+                node.pairs[0].measured.at(now).is_some(),
                 complete,
                 "{swapped}"
             );
@@ -601,7 +599,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
         let at = Posture::new(0.0, off, 0.0);
         fused.robot = Estimate::with_sigmas(at, [position, 1e-3, heading]);
         (node.state.aim, node.state.done) = (Some(Posture::ORIGIN), true);
-        let conditions = node.watch(EPOCH, Some(&Fused { pairs: [fused] }));
+        let conditions = node.watch(EPOCH, Some(&Fused::of_pair(fused)));
         let uncertain = conditions.contains(Condition::ReachedUncertain);
         assert_eq!(uncertain, !certain, "{position} {heading} {off}");
     }

@@ -11,7 +11,7 @@ use crate::time::{EPOCH, Micros, Stamped};
 pub(super) const SETTLING: Micros = 100_000;
 
 /// The latest report of one axle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AxleReport {
     /// Latest posture and latest uptime, possibly of different epochs.
     pub(super) posture: Option<Stamped<Posture>>,
@@ -29,6 +29,18 @@ pub(super) struct AxleReport {
 }
 
 impl AxleReport {
+    /// No report.
+    const EMPTY: Self = Self {
+        posture: None,
+        uptime: None,
+        whole: None,
+        past: Recent::EMPTY,
+        uncertainty: None,
+        twist: Twist::new(0.0, 0.0),
+        gyro_share: 0.0,
+        gyro_zeroed: false,
+    };
+
     /// Combines posture and uptime of one epoch into a whole report.
     pub(super) fn complete(&mut self) {
         if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
@@ -37,7 +49,7 @@ impl AxleReport {
             let last = self.whole.map_or(0, |(last, _)| last.time);
             if uptime.value < posture.time.saturating_sub(last) {
                 // Earlier postures are in another odometric frame.
-                self.past = Recent::default();
+                self.past = Recent::EMPTY;
             }
             self.whole = Some((posture, uptime.value));
             self.past
@@ -53,10 +65,9 @@ pub(super) struct Recent<T>([Option<Stamped<T>>; EPOCHS]);
 /// Number of epochs that are kept.
 pub(super) const EPOCHS: usize = 8;
 
-impl<T> Default for Recent<T> {
-    fn default() -> Self {
-        Self([const { None }; EPOCHS])
-    }
+impl<T> Recent<T> {
+    /// No values.
+    pub(super) const EMPTY: Self = Self([const { None }; EPOCHS]);
 }
 
 impl<T: Copy> Recent<T> {
@@ -122,7 +133,7 @@ fn between(before: Posture, after: Posture) -> Posture {
 }
 
 /// Latest report of one axle, and its odometric posture at the fused estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AxleTrack {
     pub(super) report: AxleReport,
     /// Odometric posture at the epoch of the fused estimate.
@@ -130,6 +141,12 @@ pub(super) struct AxleTrack {
 }
 
 impl AxleTrack {
+    /// No report.
+    pub(super) const EMPTY: Self = Self {
+        report: AxleReport::EMPTY,
+        odometry: None,
+    };
+
     /// Uptime of the axle, if the axle started after the last step. After a silence longer than the largest uptime of
     /// a report, a restart is assumed.
     pub(super) fn restarted(&self) -> Option<Micros> {

@@ -36,9 +36,10 @@
 //! | *active* | task done; or failed, and the commanded speed is zero | `Finish` |
 //! | *fault* | task `Clear` | `Clear` |
 
-use super::pair::{Fused, Pair};
+use super::fused::Fused;
+use super::pair::Pair;
 use super::track::AxleTrack;
-use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, ROBOT, STILL, Task};
+use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task};
 use crate::fusion::Estimate;
 use crate::fusion::joint::InconsistentSensor;
 use crate::fusion::robot;
@@ -96,7 +97,8 @@ impl LeadNode {
             let Twist { v, omega } = track.report.twist;
             v.abs() <= STILL.v && omega.abs() <= STILL.omega
         };
-        self.state.tracks.iter().all(at_rest) && fused.is_some_and(|fused| !fused.is_refused())
+        self.tracks.iter().take(self.axle_count()).all(at_rest)
+            && fused.is_some_and(|fused| !fused.is_refused())
     }
 
     /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. False for a vague
@@ -116,16 +118,18 @@ impl LeadNode {
         let state = &self.state;
         let operating = state.supervisor.operating();
         let powered = operating.permit() != Permit::Off;
-        let (lost, stopped) = state.peers.others(Node::Lead, ROBOT, now);
-        let mut axles = ROBOT.axles().map(Node::Axle);
+        let topology = self.with.topology;
+        let (lost, stopped) = state.peers.others(Node::Lead, topology, now);
+        let mut axles = topology.axles().map(Node::Axle);
         let unarmed = state.armed > ARMING && axles.any(|node| state.peers.rests(node, now));
-        let reports = state.tracks.iter().map(|track| track.report.whole);
+        let tracks = self.tracks.iter().take(topology.axle_count());
+        let reports = tracks.map(|track| track.report.whole);
         let late = powered
             && reports
                 .flatten()
                 .any(|(posture, _)| posture.age(now) > LATE);
         let mut pairs = Conditions::NONE;
-        for (i, pair) in state.pairs.iter().enumerate() {
+        for (i, pair) in self.pairs.iter().enumerate().take(topology.frame_count()) {
             let fused = fused.and_then(|fused| fused.pairs.get(i));
             pairs = pairs.union(self.watch_pair(now, pair, fused));
         }

@@ -103,6 +103,11 @@ pub struct Run {
 /// Robot in every log of format 3: two axles.
 pub const ROBOT: Topology = Topology::PAIR;
 
+/// First bytes of the parameters, which a log without the number of axles lacks.
+const TWO_AXLES: [u8; 1] = [2];
+/// Last bytes of the lead node's output, which a log without inner axles lacks.
+const NO_INNER_AXLES: [u8; 3] = [0; 3];
+
 /// Events of each board in order of time, by board in the order of [`Topology::boards`].
 pub type Events = Vec<Vec<Event>>;
 
@@ -320,7 +325,7 @@ impl<'a> Reader<'a> {
             "/lead" => {
                 let LeadBits { tick, bits } = parse(data)?;
                 let output = bits
-                    .value()
+                    .value_or_earlier(&[], &NO_INNER_AXLES)
                     .ok_or("the bits of the lead node's output do not decode")?;
                 if self.released.is_some_and(|released| tick <= released) {
                     return Err(format!(
@@ -358,7 +363,7 @@ impl<'a> Reader<'a> {
                     self.settle();
                 }
                 let entry: Start = parse(data)?;
-                let config = entry.parameters.value();
+                let config = entry.parameters.value_or_earlier(&TWO_AXLES, &[]);
                 let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
                 let place = place.map(|place| place.ok_or("its initial estimate does not decode"));
                 Event::Start {

@@ -57,9 +57,9 @@ impl World {
         }
         let uptime = self.number.min(255) as u8;
         let own = [0, 1].map(|k| (self.axles[k].relative_to(FRAMES[k]), uptime));
-        let (before, lost, mut outbox) = (node.state.pairs[0].nis, node.state.lost, Outbox::new());
+        let (before, lost, mut outbox) = (node.pairs[0].nis, node.state.lost, Outbox::new());
         let output = epoch_with(node, self.number, own, &mut outbox, parts);
-        let (nis, after) = (output.fused.beam.nis, node.state.pairs[0].nis);
+        let (nis, after) = (output.fused.beam.nis, node.pairs[0].nis);
         let tested = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
         let mean = before + (nis.min(40.0) - before) / 256.0;
         let expected = if tested { mean } else { before };
@@ -488,12 +488,12 @@ fn driven_robot_follows_its_commands_and_stops_without_them() {
 impl LeadNode {
     /// Sets a frame bent by `bend` that pulls with a force in N, both measured at `time`.
     fn pull(&mut self, time: Micros, bend: f32, force_x: f32) {
-        self.state.pairs[0].posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
+        self.pairs[0].posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
         let wrench = Wrench {
             force_x,
             ..Wrench::ZERO
         };
-        self.state.pairs[0].wrench = Some(Stamped::new(wrench, time));
+        self.pairs[0].wrench = Some(Stamped::new(wrench, time));
     }
 }
 
@@ -543,7 +543,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             17 => Condition::NoProgress,
             _ => Condition::Restarted,
         };
-        let conditions = node.watch(now, Some(&Fused { pairs: [fused] }));
+        let conditions = node.watch(now, Some(&Fused::of_pair(fused)));
         assert_eq!(conditions == Conditions::NONE, case < 6, "{case}");
         assert_eq!(conditions.contains(expected), case > 5, "{case}");
     }

@@ -31,7 +31,7 @@ impl Watched {
     }
 
     fn pair(&mut self) -> &mut Pair {
-        &mut self.node.state.pairs[0]
+        &mut self.node.pairs[0]
     }
 
     fn receive_heartbeat(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
@@ -48,7 +48,7 @@ impl Watched {
 
     fn reported(&mut self, axle: usize, ago: Micros) {
         let posture = Stamped::new(Posture::ORIGIN, NOW - ago);
-        self.node.state.tracks[axle].report.whole = Some((posture, NOW));
+        self.node.tracks[axle].report.whole = Some((posture, NOW));
     }
 
     /// Sets the relative heading by the beam, and the age of the measurement.
@@ -70,7 +70,7 @@ impl Watched {
     }
 
     fn moves(&mut self, axle: usize, v: f32, omega: f32) {
-        self.node.state.tracks[axle].report.twist = Twist::new(v, omega);
+        self.node.tracks[axle].report.twist = Twist::new(v, omega);
     }
 
     fn set_constant(&mut self, constant: usize, value: f32) {
@@ -105,7 +105,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     };
     let mut watched = Watched {
         node,
-        fused: Some(Fused { pairs: [fused] }),
+        fused: Some(Fused::of_pair(fused)),
     };
     for node in [Node::axle(0), Node::axle(1)] {
         watched.receive_heartbeat(node, 0, OperatingState::Active, 0);
