@@ -154,7 +154,7 @@ struct Session {
 /// Moves the nodes into `place`. Not inlined, so that the stack holds only the nodes during the move.
 #[inline(never)]
 fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
-    place.insert(nodes.begin())
+    nodes.begin_in(place)
 }
 
 /// A request to save that is not answered yet.

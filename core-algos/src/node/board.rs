@@ -129,6 +129,21 @@ impl Ready {
     }
 }
 
+impl Ready {
+    /// [`Self::begin`] in `place`, without the nodes on the stack.
+    pub fn begin_in(self, place: &mut Option<Board>) -> &mut Board {
+        let (own, lead) = match self {
+            Self::Axle { axle, lead } => (Board::Axle { axle, lead: None }, lead),
+            Self::Beam(beam) => (Board::Beam(beam), None),
+        };
+        let board = place.insert(own);
+        if let (Board::Axle { lead: slot, .. }, Some(lead)) = (&mut *board, lead) {
+            LeadNode::new_in(slot, lead);
+        }
+        board
+    }
+}
+
 impl Board {
     /// Builds the nodes of a board, at rest; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {

@@ -198,9 +198,9 @@ pub struct LeadNode {
     /// Buffers of path and trajectory.
     path_task: path_task::State,
     /// Reports and odometry of the axles, front first.
-    tracks: [AxleTrack; MAX_AXLES],
+    tracks: heapless::Vec<AxleTrack, MAX_AXLES>,
     /// Pairs of neighbouring axles, front first.
-    pairs: [Pair; MAX_FRAMES],
+    pairs: heapless::Vec<Pair, MAX_FRAMES>,
     /// Reports and estimates of the epoch whose pairs are being fused.
     fusing: Fusing,
     state: State,
@@ -209,12 +209,25 @@ pub struct LeadNode {
 impl LeadNode {
     /// A node without estimate and without task.
     pub fn new(algorithms: Algorithms) -> Self {
+        let mut node = Self::empty(algorithms);
+        node.restart();
+        node
+    }
+
+    /// [`Self::new`] in `place`. The lists of axles and pairs are filled there, since the stack of a board has no room
+    /// for the node.
+    pub(super) fn new_in(place: &mut Option<Self>, algorithms: Algorithms) {
+        place.insert(Self::empty(algorithms)).restart();
+    }
+
+    /// A node without axles.
+    fn empty(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
             placement: None,
             path_task: path_task::State::EMPTY,
-            tracks: [AxleTrack::EMPTY; MAX_AXLES],
-            pairs: [const { Pair::EMPTY }; MAX_FRAMES],
+            tracks: heapless::Vec::new(),
+            pairs: heapless::Vec::new(),
             fusing: Fusing::default(),
             state: State::default(),
         }
@@ -224,9 +237,13 @@ impl LeadNode {
     pub fn restart(&mut self) {
         self.placement = None;
         self.path_task.clear();
-        self.tracks.fill(AxleTrack::EMPTY);
-        for pair in &mut self.pairs {
-            *pair = Pair::EMPTY;
+        self.tracks.clear();
+        self.pairs.clear();
+        for _ in self.with.topology.axles() {
+            let _ = self.tracks.push(AxleTrack::EMPTY);
+        }
+        for _ in self.with.topology.frames() {
+            let _ = self.pairs.push(Pair::EMPTY);
         }
         self.fusing = Fusing::default();
         self.state = State::default();
@@ -237,7 +254,7 @@ impl LeadNode {
         self.restart();
         let (relative, floor_drift) = (&placement.relative, placement.floor_drift);
         let frames = self.frame_count();
-        for (k, pair) in self.pairs.iter_mut().enumerate().take(frames) {
+        for (k, pair) in self.pairs.iter_mut().enumerate() {
             // The chain is straight, and O is in its middle.
             let center = match frames {
                 1 => placement.center,
@@ -258,7 +275,7 @@ impl LeadNode {
 
     /// State of the fusion of the first two axles and their beam; `None` before the start.
     pub fn fusion(&self) -> Option<&robot::State> {
-        self.pairs[0].fusion.as_ref()
+        self.pairs.first()?.fusion.as_ref()
     }
 
     /// Sets the task, which begins from the current motion.
@@ -318,8 +335,7 @@ impl LeadNode {
     /// begin an epoch nor run [`Self::step`]. Without this call the next step does all of the work, with the same
     /// result.
     pub fn prepare(&mut self) {
-        let frames = self.frame_count();
-        for pair in self.pairs.iter_mut().take(frames) {
+        for pair in &mut self.pairs {
             let fusion = pair.fusion.as_mut();
             if fusion.is_some_and(|fusion| self.with.fusion.prepare(fusion)) {
                 return;

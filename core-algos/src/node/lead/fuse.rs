@@ -135,9 +135,8 @@ impl LeadNode {
     /// Collects the reports of the latest epoch that all axles have reported. False while reports are missing or a
     /// restarted axle settles.
     fn collect(&mut self, now: Micros) -> bool {
-        let (axles, frames) = (self.axle_count(), self.frame_count());
         let (tracks, pairs) = (&mut self.tracks, &self.pairs);
-        if pairs.iter().take(frames).any(|pair| pair.fusion.is_none()) {
+        if pairs.iter().any(|pair| pair.fusion.is_none()) {
             return false;
         }
         let timeout = self.with.report_timeout;
@@ -145,27 +144,30 @@ impl LeadNode {
             let whole = track.report.whole;
             whole.is_none_or(|(posture, _)| posture.age(now) > timeout)
         };
-        if tracks.iter().take(axles).any(late) {
+        if tracks.iter().any(late) {
             return false;
         }
-        let at = latest_epoch(&tracks[..axles.min(MAX_AXLES)], now);
+        let at = latest_epoch(tracks, now);
         let fusing = &mut self.fusing;
-        for (k, pair) in pairs.iter().enumerate().take(frames) {
-            let beam = pair.measurement(at, neighbours(tracks, k));
+        let kept = fusing.beams.iter_mut().zip(&mut fusing.bends);
+        for ((pair, axles), (kept_beam, kept_bend)) in
+            pairs.iter().zip(neighbours(tracks)).zip(kept)
+        {
+            let beam = pair.measurement(at, axles);
             let patience = match beam.is_none() && self.with.fusion.uses_beam() {
                 true => REJOIN_PATIENCE,
                 false => SETTLING,
             };
             let settles = |track: &AxleTrack| track.restarted().is_some_and(|it| it < patience);
-            if neighbours(tracks, k).into_iter().any(settles) {
+            if axles.into_iter().any(settles) {
                 return false;
             }
-            fusing.beams[k] = beam;
-            fusing.bends[k] = pair.bend;
+            (*kept_beam, *kept_bend) = (beam, pair.bend);
         }
-        for (k, track) in tracks.iter_mut().enumerate().take(axles) {
-            fusing.restarted[k] = track.restarted().is_some();
-            fusing.motion[k] = track.advance(at);
+        let kept = fusing.motion.iter_mut().zip(&mut fusing.restarted);
+        for (track, (motion, restarted)) in tracks.iter_mut().zip(kept) {
+            *restarted = track.restarted().is_some();
+            *motion = track.advance(at);
         }
         (fusing.count, fusing.under_way) = (0, true);
         true
@@ -174,19 +176,25 @@ impl LeadNode {
     /// Fuses the next pair of the reports.
     fn fuse_pair(&mut self, now: Micros, own: &mut Own<'_>) {
         let fusing = &mut self.fusing;
-        let k = fusing.count.min(MAX_FRAMES - 1);
-        let last = self.with.topology.frame_count() - 1;
-        let bend = |frame: Option<&RelativeHeading>| frame.copied().unwrap_or_default();
-        let ahead = k.checked_sub(1).and_then(|k| fusing.bends.get(k));
-        let behind = fusing.bends.get(k + 1).filter(|_| k < last);
-        let reports = PairReports {
-            motion: neighbours(&fusing.motion, k),
-            restarted: neighbours(&fusing.restarted, k).map(|it| *it),
-            beam: fusing.beams[k],
-            bends: [bend(ahead), bend(behind)],
-        };
-        fusing.pairs[k] = self.pairs[k].step(&self.with.fusion, now, &reports, own);
+        let k = fusing.count;
+        let pair = self.pairs.get_mut(k).zip(fusing.pairs.get_mut(k));
+        let axles = neighbours(&fusing.motion).zip(neighbours(&fusing.restarted));
+        let reports = axles.zip(fusing.beams).nth(k);
         fusing.count = k + 1;
+        let (Some((pair, output)), Some(((motion, restarted), beam))) = (pair, reports) else {
+            return;
+        };
+        let bend = |frame: Option<usize>| {
+            let bend = frame.and_then(|frame| fusing.bends.get(frame));
+            bend.copied().unwrap_or_default()
+        };
+        let reports = PairReports {
+            motion,
+            restarted: restarted.map(|it| *it),
+            beam,
+            bends: [bend(k.checked_sub(1)), bend(k.checked_add(1))],
+        };
+        *output = pair.step(&self.with.fusion, now, &reports, own);
     }
 
     /// Fuses one pair ahead of the next step, unless it is the last pair. To be called at the ticks from the lead
@@ -223,18 +231,13 @@ impl LeadNode {
         }
         // The change of O in `map` less the mean correction of the pairs.
         let mut left = map.minus(self.state.map?);
-        for pair in self.pairs.iter().take(frames) {
+        for pair in &self.pairs {
             for (left, corrected) in left.iter_mut().zip(pair.corrected) {
                 *left -= corrected / frames as f32;
             }
         }
         let [x, y, turn] = left;
         Some((self.state.map?.phi, Posture::new(x, y, turn)))
-    }
-
-    /// Number of axles.
-    pub(super) fn axle_count(&self) -> usize {
-        self.with.topology.axle_count()
     }
 
     /// Number of frames.
@@ -244,15 +247,12 @@ impl LeadNode {
 
     /// Reports of an axle; `None` for an axle that the robot does not have.
     fn report(&mut self, axle: AxleId) -> Option<&mut AxleReport> {
-        let count = self.axle_count();
-        let mut tracks = self.tracks.iter_mut().take(count);
-        Some(&mut tracks.nth(axle.index())?.report)
+        Some(&mut self.tracks.get_mut(axle.index())?.report)
     }
 
     /// The pair of axles that a frame joins; `None` for a frame that the robot does not have.
     fn pair(&mut self, frame: FrameId) -> Option<&mut Pair> {
-        let count = self.frame_count();
-        self.pairs.iter_mut().take(count).nth(frame.index())
+        self.pairs.get_mut(frame.index())
     }
 }
 

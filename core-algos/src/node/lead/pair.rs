@@ -13,15 +13,13 @@ use crate::math::matrix::{Mat3, propagate};
 use crate::math::trig::{sin_cos, wrap_angle};
 use crate::math::{Posture, RelativeHeading, Wrench};
 use crate::time::{EPOCH, Micros, Stamped};
-use crate::topology::MAX_AXLES;
 
 /// Age in epochs up to which a measurement of the frame is used.
 const BEAM_EPOCHS: Micros = 3;
 
-/// The two axles of a pair of neighbouring axles, front first, from a list of all axles.
-pub(super) fn neighbours<T>(axles: &[T; MAX_AXLES], pair: usize) -> [&T; 2] {
-    let front = pair.min(MAX_AXLES - 2);
-    [&axles[front], &axles[front + 1]]
+/// The two axles of each pair of neighbouring axles, front first, from a list of all axles.
+pub(super) fn neighbours<T>(axles: &[T]) -> impl Iterator<Item = [&T; 2]> {
+    axles.array_windows().map(|[front, rear]| [front, rear])
 }
 
 /// Beam messages and fused estimate of a pair of neighbouring axles.

@@ -262,7 +262,9 @@ fn covariance_of_an_axle_counts_once_per_epoch() {
             node.receive(4 * EPOCH, &message);
         }
     }
-    let [front, rear, ..] = &mut node.tracks;
+    let [front, rear] = &mut node.tracks[..] else {
+        panic!("two axles");
+    };
     let covariances = [front, rear].map(|track| match track.advance(4 * EPOCH) {
         track::Advance::Moved(increment) => increment.covariance,
         other => panic!("{other:?}"),

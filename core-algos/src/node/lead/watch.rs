@@ -97,8 +97,7 @@ impl LeadNode {
             let Twist { v, omega } = track.report.twist;
             v.abs() <= STILL.v && omega.abs() <= STILL.omega
         };
-        self.tracks.iter().take(self.axle_count()).all(at_rest)
-            && fused.is_some_and(|fused| !fused.is_refused())
+        self.tracks.iter().all(at_rest) && fused.is_some_and(|fused| !fused.is_refused())
     }
 
     /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. False for a vague
@@ -122,14 +121,13 @@ impl LeadNode {
         let (lost, stopped) = state.peers.others(Node::Lead, topology, now);
         let mut axles = topology.axles().map(Node::Axle);
         let unarmed = state.armed > ARMING && axles.any(|node| state.peers.rests(node, now));
-        let tracks = self.tracks.iter().take(topology.axle_count());
-        let reports = tracks.map(|track| track.report.whole);
+        let reports = self.tracks.iter().map(|track| track.report.whole);
         let late = powered
             && reports
                 .flatten()
                 .any(|(posture, _)| posture.age(now) > LATE);
         let mut pairs = Conditions::NONE;
-        for (i, pair) in self.pairs.iter().enumerate().take(topology.frame_count()) {
+        for (i, pair) in self.pairs.iter().enumerate() {
             let fused = fused.and_then(|fused| fused.pairs.get(i));
             pairs = pairs.union(self.watch_pair(now, pair, fused));
         }
