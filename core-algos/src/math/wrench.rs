@@ -1,6 +1,6 @@
 //! Wrench of the frame between two axles, and its load on each axle.
 
-use super::trig::sin_cos;
+use super::trig::{atan2, sin_cos, wrap_angle};
 use super::{Posture, Steering};
 
 /// Forces and moments of the frame. Axes are those of the rear axle, the origin is at the root.
@@ -79,6 +79,31 @@ impl Wrench {
             moment_root: moment,
             moment_end: moment,
             ..Self::default()
+        }
+    }
+
+    /// Wrench of a frame whose front axle is at `relative` from its rear axle, without axial force: the cubic beam with
+    /// the slopes a, b of root and tip against the chord, `M_root = −EI (4a + 2b)/L`, `M_end = EI (2a + 4b)/L`, and the
+    /// shear `(M_root − M_end)/L` across the chord. Bending stiffness EI (N m²), flexible length L and rigid length at
+    /// each end in m. The moments are those at the ends of the flexible part.
+    pub fn cubic(stiffness: f32, length: f32, rigid_end: f32, relative: Posture) -> Self {
+        let (sin, cos) = sin_cos(relative.phi);
+        let x = relative.x - rigid_end * (1.0 + cos);
+        let y = relative.y - rigid_end * sin;
+        let chord = atan2(y, x);
+        let (root, tip) = (-chord, wrap_angle(relative.phi - chord));
+        let scale = stiffness / length;
+        let (moment_root, moment_end) = (
+            -scale * (4.0 * root + 2.0 * tip),
+            scale * (2.0 * root + 4.0 * tip),
+        );
+        let shear = (moment_root - moment_end) / length;
+        let (sin, cos) = sin_cos(chord);
+        Self {
+            force_x: -shear * sin,
+            force_y: shear * cos,
+            moment_root,
+            moment_end,
         }
     }
 
