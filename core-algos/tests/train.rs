@@ -2,7 +2,7 @@
 
 use core_algos::control::cascade::AxleReference;
 use core_algos::control::dynamic::{self, Dynamic};
-use core_algos::control::path::{PathBuffer, PathPoint, TrajectoryBuffer};
+use core_algos::control::path::{PathBuffer, PathPoint};
 use core_algos::control::regulator::Tolerance;
 use core_algos::control::train::{self, Step, Task, Train};
 use core_algos::math::{AxleLoad, Posture, Twist, Wrench};
@@ -201,11 +201,14 @@ fn sampled(at: impl Fn(f64) -> [f64; 2], end: f64, spacing: f64) -> Vec<PathPoin
     points
 }
 
-/// A lying eight of 7.9 m with |κ| ≤ 2.
+/// Lemniscate of 7.9 m with |κ| ≤ 2, from its crossing.
 fn eight() -> Vec<PathPoint> {
-    let shape = |a: f64, b: f64| move |t: f64| [a * t.sin(), b * (2.0 * t).sin()];
-    let points = |a: f64, b: f64| sampled(shape(a, b), core::f64::consts::TAU, 0.01);
-    points(1.3, 0.65)
+    let at = |t: f64| {
+        let (sin, cos) = t.sin_cos();
+        let scale = 1.5 * cos / (1.0 + sin * sin);
+        [scale, scale * sin]
+    };
+    sampled(|t| at(t - core::f64::consts::FRAC_PI_2), core::f64::consts::TAU, 0.01)
 }
 
 /// Distance of a point from a path, m.
@@ -258,10 +261,8 @@ fn follow(axles: usize, points: &[PathPoint]) -> Followed {
         assert!(!step.lost && !step.stuck, "{step:?} after {} s", bench.time);
         assert!(bench.time < 120.0);
         // The body enters beside the path and leaves beyond it: only the middle of the path counts.
-        let middle = bench.state.places();
-        let _ = middle;
         let driven = 0.2 * (bench.time - 0.25);
-        if (1.5 * body + 0.6..length - 0.6 * body).contains(&driven) {
+        if (body + 1.3..length - 0.5 * body - 0.1).contains(&driven) {
             for (sum, axle) in sums.iter_mut().zip(bench.plant.axles()) {
                 let off = distance(points, axle.posture[0], axle.posture[1]);
                 *sum += off * off;
@@ -269,7 +270,7 @@ fn follow(axles: usize, points: &[PathPoint]) -> Followed {
             }
             count += 1.0;
         }
-        if driven < 1.5 * body + 0.6 {
+        if driven < body + 1.3 {
             bench.force = (0.0, 0.0, 0.0);
         }
         if step.done {

@@ -135,7 +135,8 @@ impl OnLeg {
     pub fn advance(&mut self, du: f32) {
         let (kappa, _) = self.leg.curvature(self.u);
         let (next, _) = self.leg.curvature(self.u + du);
-        let slope = if du == 0.0 { 0.0 } else { (next - kappa) / du };
+        // A quotient of two tiny numbers may be infinite.
+        let slope = if du.abs() > 1e-6 { (next - kappa) / du } else { 0.0 };
         let knot = Knot {
             posture: self.posture,
             kappa,

@@ -97,8 +97,10 @@ impl Leg {
     pub fn curvature(&self, u: f32) -> (f32, f32) {
         let mut left = u;
         for piece in self.pieces {
+            let Some(slope) = piece.slope() else {
+                continue;
+            };
             if left < piece.length {
-                let slope = (piece.to - piece.from) / piece.length;
                 return (piece.from + slope * left, slope);
             }
             left -= piece.length;
@@ -114,11 +116,10 @@ impl Leg {
         };
         let mut left = u;
         for piece in self.pieces {
-            if !(piece.length > 0.0) {
+            let Some(slope) = piece.slope() else {
                 continue;
-            }
+            };
             knot.kappa = piece.from;
-            let slope = (piece.to - piece.from) / piece.length;
             let mut rest = piece.length.min(left);
             left -= rest;
             // At most 30 strides: no piece is longer than a full turn or the longest straight.

@@ -36,6 +36,16 @@ pub struct Piece {
     pub to: f32,
 }
 
+/// Shortest piece that is driven, m: a quotient of two tiny numbers may be infinite.
+const SHORTEST_M: f32 = 1e-6;
+
+impl Piece {
+    /// Rate of curvature, 1/m²; `None` for a piece too short to be driven.
+    pub fn slope(&self) -> Option<f32> {
+        (self.length > SHORTEST_M).then(|| (self.to - self.from) / self.length)
+    }
+}
+
 /// Turns within limits of curvature and of its rate along the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turns {
