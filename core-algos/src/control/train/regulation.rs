@@ -134,6 +134,7 @@ impl Train {
             Phase::Stop => match task.plan {
                 Some(plan) => {
                     self.begin(state, &mut task, plan.prelude.is_none(), &plan);
+                    demand = Demand::stop(state.direction);
                 }
                 None if self.reached(&task, center, goal, within, 1.0) => task.enter(Phase::Hold),
                 None => {
