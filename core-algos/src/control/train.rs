@@ -489,6 +489,7 @@ impl Train {
                 posture: None,
                 kappa: end.kappa,
                 bound: 0.0,
+                share: 1.0 / self.config.slope_margin,
             };
             let desired = match task {
                 _ if state.lost => keep,

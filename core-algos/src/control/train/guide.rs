@@ -171,6 +171,7 @@ impl OnLeg {
             posture: Some(posture),
             kappa: sign * kappa,
             bound: 0.5 * slope * left.max(0.0),
+            share: 1.0,
         }
     }
 }
@@ -186,5 +187,6 @@ pub fn along(route: &dyn Route, u: &mut f32, end: Posture, pitch: f32) -> Option
         posture: Some(posture),
         kappa: extended(route, *u)?.kappa,
         bound: f32::INFINITY,
+        share: 1.0,
     })
 }

@@ -31,6 +31,8 @@ pub struct Desired {
     pub kappa: f32,
     /// Largest magnitude of the feedback, 1/m.
     pub bound: f32,
+    /// Share of the largest rate of curvature that is used.
+    pub share: f32,
 }
 
 /// Limits and length constant of the virtual leader.
@@ -56,7 +58,7 @@ impl Leader {
             clamp(feedback, -bound, bound)
         });
         let wanted = clamp(desired.kappa + feedback, -self.kappa, self.kappa);
-        let change = self.slope * pitch;
+        let change = desired.share * self.slope * pitch;
         clamp(wanted, end.kappa - change, end.kappa + change)
     }
 }
@@ -89,6 +91,7 @@ mod tests {
                 posture: Some(Posture::new(end.posture.x, 0.0, 0.0)),
                 kappa: 0.0,
                 bound: f32::INFINITY,
+                share: 1.0,
             };
             let kappa = LEADER.next(&end, 0.01, direction, &desired);
             assert!(kappa.abs() <= 2.3 && (kappa - end.kappa).abs() <= 0.060_01);
