@@ -293,7 +293,11 @@ pub fn midpoint(axles: &[Posture]) -> Posture {
         count += 1.0;
     }
     let share = 1.0 / greater(count, 1.0);
-    Posture::new(x * share, y * share, atan2(first.y - last.y, first.x - last.x))
+    Posture::new(
+        x * share,
+        y * share,
+        atan2(first.y - last.y, first.x - last.x),
+    )
 }
 
 impl Train {
@@ -342,9 +346,7 @@ impl Train {
         let moving = demand.speed > MOVING_M_S && demand.distance > MOVING_M_S;
         let wanted = demand.speed * self.patience(state, own);
         let wanted = self.by_wheels(state, wanted);
-        let driven = self
-            .limits
-            .step(&mut state.motion, wanted, demand.distance);
+        let driven = self.limits.step(&mut state.motion, wanted, demand.distance);
         state.driven += driven;
         let leader = state.leader(self) + state.direction.sign() * driven;
         state.places = self.places(&state.curve, state.direction, leader);
@@ -369,7 +371,10 @@ impl Train {
     /// Builds the curve through the axles and stores what is left between them and their places.
     fn rebuild(&self, state: &mut State, axles: &[Posture]) {
         *state = State::NEW;
-        state.places = rebuild::rebuild(&mut state.curve, axles, self.link, self.pitch);
+        state.places = {
+            let slope = self.leader.slope / self.config.slope_margin;
+            rebuild::rebuild(&mut state.curve, axles, self.link, (self.pitch, slope))
+        };
         let leader = state.leader(self);
         state.places = self.places(&state.curve, state.direction, leader);
         for (i, axle) in axles.iter().enumerate() {
@@ -434,10 +439,13 @@ impl Train {
             Task::Track {
                 trajectory, time_s, ..
             } => {
-                let speed = trajectory.time_law(*time_s).map_or(0.0, |[s, v, _]| {
+                let speed = trajectory.time_law(*time_s).map_or(0.0, |[s, v, rate]| {
                     let end = state.on_route.unwrap_or(s);
                     let ahead = state.curve.ahead(state.leader(self), state.direction);
-                    v + self.config.trajectory_gain_per_s * (s - (end - ahead - 0.5 * self.body))
+                    let middle = end - ahead - 0.5 * self.body;
+                    // The speed of the leader trails a rising wish by its time constant.
+                    let lead = self.config.speed_lag_s * greater(rate, 0.0);
+                    v + lead + self.config.trajectory_gain_per_s * (s - middle)
                 });
                 self.on_route(state, *trajectory, greater(speed, 0.0))
             }
@@ -499,7 +507,9 @@ impl Train {
                     let leg = &mut state.regulation.leg;
                     leg.next(end.posture, *goal, self.pitch, self.leader.slope)
                 }
-                Task::Follow { path, .. } => self.next_on(*path, &mut state.on_route, end.posture, keep),
+                Task::Follow { path, .. } => {
+                    self.next_on(*path, &mut state.on_route, end.posture, keep)
+                }
                 Task::Track { trajectory, .. } => {
                     self.next_on(*trajectory, &mut state.on_route, end.posture, keep)
                 }
@@ -533,8 +543,16 @@ impl Train {
         *off = path.map_or(0.0, |path| end.relative_to(path).y);
     }
 
-    fn next_on(&self, route: &dyn Route, u: &mut Option<f32>, end: Posture, keep: Desired) -> Desired {
-        let desired = u.as_mut().and_then(|u| guide::along(route, u, end, self.pitch));
+    fn next_on(
+        &self,
+        route: &dyn Route,
+        u: &mut Option<f32>,
+        end: Posture,
+        keep: Desired,
+    ) -> Desired {
+        let desired = u
+            .as_mut()
+            .and_then(|u| guide::along(route, u, end, self.pitch));
         desired.unwrap_or(keep)
     }
 

@@ -172,15 +172,14 @@ mod tests {
             for rigid in [0.0, 0.04] {
                 // Headings against the rear axle: of the chord of the flexible part, of the front axle.
                 let turn = -a;
-                let tip = [turn, turn + b];
+                let tip: [f64; 2] = [turn, turn + b];
                 let x = rigid + length * tip[0].cos() + rigid * tip[1].cos();
                 let y = length * tip[0].sin() + rigid * tip[1].sin();
                 let relative = Posture::new(x as f32, y as f32, tip[1] as f32);
                 let [f, l, r] = [stiffness, length, rigid].map(|v| v as f32);
                 let wrench = Wrench::cubic(f, l, r, relative);
-                let cubic = |u: f64| {
-                    length * (a * u * (1.0 - u) * (1.0 - u) - b * u * u * (1.0 - u))
-                };
+                let cubic =
+                    |u: f64| length * (a * u * (1.0 - u) * (1.0 - u) - b * u * u * (1.0 - u));
                 let h = 1e-3;
                 let second = |u: f64| {
                     let [low, here, high] = [u - h, u, u + h].map(cubic);

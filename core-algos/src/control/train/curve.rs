@@ -152,12 +152,20 @@ impl Curve {
             Direction::Forward => {
                 let place = self.slot(self.count);
                 if full {
-                    self.first = if self.first >= last { 0 } else { self.first + 1 };
+                    self.first = if self.first >= last {
+                        0
+                    } else {
+                        self.first + 1
+                    };
                 }
                 (place, if full { -self.pitch } else { 0.0 })
             }
             Direction::Reverse => {
-                self.first = if self.first == 0 { last } else { self.first - 1 };
+                self.first = if self.first == 0 {
+                    last
+                } else {
+                    self.first - 1
+                };
                 (usize::from(self.first), self.pitch)
             }
         };

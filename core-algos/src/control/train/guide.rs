@@ -136,7 +136,11 @@ impl OnLeg {
         let (kappa, _) = self.leg.curvature(self.u);
         let (next, _) = self.leg.curvature(self.u + du);
         // A quotient of two tiny numbers may be infinite.
-        let slope = if du.abs() > 1e-6 { (next - kappa) / du } else { 0.0 };
+        let slope = if du.abs() > 1e-6 {
+            (next - kappa) / du
+        } else {
+            0.0
+        };
         let knot = Knot {
             posture: self.posture,
             kappa,

@@ -511,8 +511,14 @@ impl Planner {
                 continue;
             }
             let least = scan.spent
-                + self.turns.length(first).min(self.turns.length(first - step))
-                + self.turns.length(now.second).min(self.turns.length(last.second))
+                + self
+                    .turns
+                    .length(first)
+                    .min(self.turns.length(first - step))
+                + self
+                    .turns
+                    .length(now.second)
+                    .min(self.turns.length(last.second))
                 + last.length.min(now.length).max(0.0);
             if least < search.limit() + 0.1 {
                 cost += BISECTIONS;

@@ -28,8 +28,6 @@ use crate::topology::MAX_AXLES;
 const CORRECTIONS: usize = 3;
 /// Knots beyond each end of the body.
 const BEYOND: u16 = 4;
-/// Distance over which the curvature fades beyond the ends, in knots.
-const FADE: f32 = 0.5;
 
 /// Curvatures (1/m) at the rear axle, at the middle and at the front axle of a frame.
 #[derive(Clone, Copy)]
@@ -70,9 +68,15 @@ fn measured(rear: Posture, front: Posture) -> [f32; 3] {
     [to.phi, to.y, length]
 }
 
-/// Builds the curve through `axles`, front first, with knots at distances of `pitch` (m). Returns the places of the
+/// Builds the curve through `axles`, front first, with knots at distances of `pitch` (m). Beyond the ends the
+/// curvature falls at the rate `slope` (1/m²). Returns the places of the
 /// axles, m.
-pub fn rebuild(curve: &mut Curve, axles: &[Posture], link: Link, pitch: f32) -> [f32; MAX_AXLES] {
+pub fn rebuild(
+    curve: &mut Curve,
+    axles: &[Posture],
+    link: Link,
+    (pitch, slope): (f32, f32),
+) -> [f32; MAX_AXLES] {
     let mut places = [0.0; MAX_AXLES];
     let Some(&last) = axles.last() else {
         return places;
@@ -142,7 +146,8 @@ pub fn rebuild(curve: &mut Curve, axles: &[Posture], link: Link, pitch: f32) -> 
     let mut shift = 0.0;
     for direction in [Direction::Forward, Direction::Reverse] {
         for _ in 0..BEYOND {
-            let kappa = FADE * curve.end(direction).kappa;
+            let kappa = curve.end(direction).kappa;
+            let kappa = kappa - clamp(kappa, -slope * pitch, slope * pitch);
             shift += curve.extend(direction, kappa);
         }
     }
@@ -180,12 +185,15 @@ mod tests {
             vec![arc(0.3), arc(0.3)],
             vec![arc(0.4), arc(-0.4), arc(0.35)],
             vec![arc(0.2), straight, arc(-0.3), arc(0.1)],
-            vec![Posture::new(0.368, 0.03, 0.0), Posture::new(0.36, 0.05, 0.4)],
+            vec![
+                Posture::new(0.368, 0.03, 0.0),
+                Posture::new(0.36, 0.05, 0.4),
+            ],
         ];
         for frames in cases {
             let axles = chain(&frames);
             let mut curve = Curve::EMPTY;
-            let places = rebuild(&mut curve, &axles, LINK, 0.0085);
+            let places = rebuild(&mut curve, &axles, LINK, (0.0085, 6.0));
             for (axle, place) in axles.iter().zip(places) {
                 let off = curve.at(place).knot.posture.relative_to(*axle);
                 assert!(off.x.abs().max(off.y.abs()) < 1e-3, "{frames:?} {off:?}");

@@ -82,7 +82,14 @@ impl Train {
     }
 
     /// True if the goal is reached, with bounds widened by `factor`.
-    fn reached(&self, task: &Regulation, at: Posture, goal: Posture, within: &Tolerance, factor: f32) -> bool {
+    fn reached(
+        &self,
+        task: &Regulation,
+        at: Posture,
+        goal: Posture,
+        within: &Tolerance,
+        factor: f32,
+    ) -> bool {
         let bound = |accepted: f32, tolerance: f32| {
             let mut bound = accepted;
             for _ in 0..task.attempts.min(self.config.max_attempts) {
@@ -169,7 +176,13 @@ impl Train {
     }
 
     /// Ends a leg on which the robot does not move.
-    fn watch_progress(&self, task: &mut Regulation, center: Posture, goal: Posture, within: &Tolerance) {
+    fn watch_progress(
+        &self,
+        task: &mut Regulation,
+        center: Posture,
+        goal: Posture,
+        within: &Tolerance,
+    ) {
         let under_way = matches!(task.phase, Phase::Segment | Phase::Approach);
         if task.stuck.step(under_way, center, EPOCH_S) < STUCK_S {
             return;

@@ -145,7 +145,10 @@ mod tests {
                     chord / f64::from(steps) * slope.hypot(1.0)
                 })
                 .sum();
-            assert!((length - 0.37).abs() < 1e-3, "{amplitude} {phase}: {length}");
+            assert!(
+                (length - 0.37).abs() < 1e-3,
+                "{amplitude} {phase}: {length}"
+            );
         }
     }
 

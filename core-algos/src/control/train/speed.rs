@@ -112,7 +112,10 @@ mod tests {
                 let before = motion.v;
                 left -= LIMITS.step(&mut motion, 1.0, left);
                 let rate = (motion.v - before) / EPOCH_S;
-                assert!(motion.v <= 0.2 && (-0.801..=0.401).contains(&rate), "{rate}");
+                assert!(
+                    motion.v <= 0.2 && (-0.801..=0.401).contains(&rate),
+                    "{rate}"
+                );
                 time += EPOCH_S;
                 assert!(time < 30.0, "{way}: {left} left");
             }

@@ -430,7 +430,7 @@ fn reference_twist_and_load_follow_from_mechanics() {
     near(rear.twist([0.1, 0.3]).v, 0.2);
     near(rear.twist([0.1, 0.3]).omega, 0.2 / 0.324);
     (front.state.steering, rear.state.steering) = (Steering(0.2), Steering(0.2));
-    let moments = [front, rear].map(|node| node.reference_load().moment);
+    let moments = [front, rear].map(|node| node.reference_load(0).moment);
     near(moments[0].abs(), 0.833 * 0.4 / 0.37);
     near(moments[0] + moments[1], 0.0);
 }
@@ -884,13 +884,20 @@ fn inner_axle_is_loaded_by_the_measured_bends_of_both_frames() {
     let chord = 0.37 * psi.sin() / psi;
     let arc = |sign: f32| {
         let start = Posture::new(0.02, 0.0, 0.0);
-        let bent = Posture::new(chord * psi.cos(), sign * chord * psi.sin(), sign * 2.0 * psi);
+        let bent = Posture::new(
+            chord * psi.cos(),
+            sign * chord * psi.sin(),
+            sign * 2.0 * psi,
+        );
         start.compose(bent).compose(start)
     };
     let load = |behind, ahead| inner(EPOCH, behind, ahead).reference_load(EPOCH + TICK);
     let moment = 0.833 * 2.0 * psi / 0.37;
     let bow = load(arc(1.0), arc(1.0));
-    assert!(bow.moment.abs() < 1e-4 && bow.lateral.abs() < 1e-3, "{bow:?}");
+    assert!(
+        bow.moment.abs() < 1e-4 && bow.lateral.abs() < 1e-3,
+        "{bow:?}"
+    );
     let wave = load(arc(-1.0), arc(1.0));
     assert!((wave.moment - 2.0 * moment).abs() < 1e-3, "{wave:?}");
     // A frame whose posture is too old is no load.
