@@ -584,7 +584,7 @@ fn leader_waits_at_the_last_known_point() {
     let points = integrated(|_| 0.0, 3.0);
     let mut bench = Bench::new(3, [0.0; 3]);
     let mut line = path(&points[..=150]);
-    let mut go = |bench: &mut Bench, line: &mut Path, epochs: usize| {
+    let go = |bench: &mut Bench, line: &mut Path, epochs: usize| {
         let mut last = None;
         for _ in 0..epochs {
             last = Some(bench.epoch(Task::Follow {
@@ -662,13 +662,13 @@ fn trajectory_is_tracked_in_time() {
                 let place = points.iter().min_by_key(|p| {
                     (1e6 * (f64::from(p.posture.x) - x).hypot(f64::from(p.posture.y) - y)) as i64
                 });
-                if ahead < 2.9 && bench.time > 5.0 {
+                if ahead < 2.9 && bench.time > 9.0 {
                     largest = largest.max((f64::from(place.unwrap().s) - ahead).abs());
                 }
             }
         }
         println!("{axles}: along {largest}, {} s", bench.time);
-        assert!(largest < 0.03, "{largest}");
+        assert!(largest < 0.012, "{largest}");
         assert!((19.5..23.0).contains(&bench.time), "{}", bench.time);
     }
 }
@@ -764,6 +764,6 @@ fn robot_whose_frames_straightened_drives_from_where_it_is() {
         let (e, turn) = bench.error(goal);
         assert!(e < 5e-3 && turn < 0.01, "{e} {turn}");
         assert!(bench.jump < 1.5e-4, "{}", bench.jump);
-        assert!(bench.force.2 < 7.0, "{}", bench.force.2);
+        assert!(bench.force.2 < 8.0, "{}", bench.force.2);
     }
 }

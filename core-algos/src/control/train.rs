@@ -372,8 +372,8 @@ impl Train {
     fn rebuild(&self, state: &mut State, axles: &[Posture]) {
         *state = State::NEW;
         state.places = {
-            let slope = self.leader.slope / self.config.slope_margin;
-            rebuild::rebuild(&mut state.curve, axles, self.link, (self.pitch, slope))
+            let knots = (self.pitch, self.leader.slope);
+            rebuild::rebuild(&mut state.curve, axles, self.link, knots)
         };
         let leader = state.leader(self);
         state.places = self.places(&state.curve, state.direction, leader);
@@ -497,7 +497,7 @@ impl Train {
                 posture: None,
                 kappa: end.kappa,
                 bound: 0.0,
-                share: 1.0 / self.config.slope_margin,
+                slope: 0.0,
             };
             let desired = match task {
                 _ if state.lost => keep,

@@ -19,7 +19,7 @@ declare! {
         pub curvature_share: f32 = 0.85, "": Range(0.05, 1.5);
         /// Largest rate of curvature along plans times the square of the distance of neighbouring axles.
         pub slope_share: f32 = 0.82, "": Range(0.05, 5.0);
-        /// Factor by which feedback and paths of the user may exceed the largest rate of curvature of plans.
+        /// Factor by which paths of the user may exceed the largest rate of curvature of plans.
         pub slope_margin: f32 = 1.4, "": Range(1.0, 5.0);
         /// Length over which deviations of the curve from its path decay.
         pub length_constant_m: f32 = 0.25, "m": Range(0.02, 10.0);
@@ -105,7 +105,8 @@ impl Config {
             planner: Planner::new(turns, body, self.cusp_price_m),
             leader: Leader {
                 kappa: self.max_curvature_per_m,
-                slope: self.slope_margin * slope,
+                slope,
+                steepest: self.slope_margin * slope,
                 length: self.length_constant_m,
             },
             limits: Limits {

@@ -61,6 +61,8 @@ impl<const N: usize> Route for TrajectoryBuffer<N> {
 
 /// Step of the search for the nearest point of a path, m.
 const SEARCH_STEP_M: f32 = 0.02;
+/// Rate of curvature along a leg over the largest of plans.
+const MARGIN: f32 = 1.2;
 /// Weight of a heading error in this search, m².
 const HEADING_WEIGHT_M2: f32 = 0.05;
 
@@ -175,7 +177,8 @@ impl OnLeg {
             posture: Some(posture),
             kappa: sign * kappa,
             bound: 0.5 * slope * left.max(0.0),
-            share: 1.0,
+            // A little more than that of the plan is left to the feedback.
+            slope: MARGIN * slope,
         }
     }
 }
@@ -187,10 +190,11 @@ pub fn along(route: &dyn Route, u: &mut f32, end: Posture, pitch: f32) -> Option
     *u += clamp(ahead, -pitch, pitch);
     let posture = extended(route, *u)?.posture;
     *u += pitch;
+    let next = extended(route, *u)?;
     Some(Desired {
         posture: Some(posture),
-        kappa: extended(route, *u)?.kappa,
+        kappa: next.kappa,
         bound: f32::INFINITY,
-        share: 1.0,
+        slope: next.kappa_slope,
     })
 }

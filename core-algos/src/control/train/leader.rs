@@ -16,8 +16,8 @@
 use super::Direction;
 use super::curve::Knot;
 use crate::math::Posture;
-use crate::math::lesser;
 use crate::math::trig::{clamp, sqrt};
+use crate::math::{greater, lesser};
 
 /// Largest angle between curve and desired path, rad.
 const APPROACH_RAD: f32 = 0.7;
@@ -31,8 +31,8 @@ pub struct Desired {
     pub kappa: f32,
     /// Largest magnitude of the feedback, 1/m.
     pub bound: f32,
-    /// Share of the largest rate of curvature that is used.
-    pub share: f32,
+    /// Rate of curvature of the path, 1/m².
+    pub slope: f32,
 }
 
 /// Limits and length constant of the virtual leader.
@@ -40,8 +40,10 @@ pub struct Desired {
 pub struct Leader {
     /// Largest curvature, 1/m.
     pub kappa: f32,
-    /// Largest rate of curvature along the curve, 1/m².
+    /// Largest rate of curvature of plans and of the feedback, 1/m².
     pub slope: f32,
+    /// Largest rate of curvature where the path of the user has it, 1/m².
+    pub steepest: f32,
     /// Length constant λ, m.
     pub length: f32,
 }
@@ -58,7 +60,8 @@ impl Leader {
             clamp(feedback, -bound, bound)
         });
         let wanted = clamp(desired.kappa + feedback, -self.kappa, self.kappa);
-        let change = desired.share * self.slope * pitch;
+        let own = lesser(desired.slope.abs(), self.steepest);
+        let change = greater(own, self.slope) * pitch;
         clamp(wanted, end.kappa - change, end.kappa + change)
     }
 }
@@ -71,6 +74,7 @@ mod tests {
     const LEADER: Leader = Leader {
         kappa: 2.3,
         slope: 6.0,
+        steepest: 8.0,
         length: 0.25,
     };
 
@@ -91,7 +95,7 @@ mod tests {
                 posture: Some(Posture::new(end.posture.x, 0.0, 0.0)),
                 kappa: 0.0,
                 bound: f32::INFINITY,
-                share: 1.0,
+                slope: 0.0,
             };
             let kappa = LEADER.next(&end, 0.01, direction, &desired);
             assert!(kappa.abs() <= 2.3 && (kappa - end.kappa).abs() <= 0.060_01);

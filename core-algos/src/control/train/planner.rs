@@ -580,3 +580,180 @@ impl Search {
         self.best.map_or(f32::INFINITY, |plan| plan.cost_m)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BODY: f32 = 0.74;
+    const KAPPA: f32 = 2.3;
+    const SLOPE: f32 = 6.0;
+
+    fn planner() -> Planner {
+        Planner::new(Turns::new(KAPPA, SLOPE), BODY, 0.2)
+    }
+
+    /// A straight curve whose middle is at `center`, and the places of the ends.
+    fn standing(center: Posture) -> (Curve, [f32; 2]) {
+        let mut curve = Curve::EMPTY;
+        let posture = center.compose(Posture::new(-0.5 * BODY - 0.02, 0.0, 0.0));
+        curve.restart(
+            Knot {
+                posture,
+                kappa: 0.0,
+            },
+            0.01,
+        );
+        for _ in 0..80 {
+            curve.extend(Direction::Forward, 0.0);
+        }
+        (curve, [0.02 + BODY, 0.02])
+    }
+
+    fn solve(center: Posture, goal: Posture, budget: u32) -> (Option<Plan>, u32) {
+        let (curve, [front, rear]) = standing(center);
+        let robot = Robot {
+            curve: &curve,
+            front,
+            rear,
+        };
+        let planner = planner();
+        let (mut search, mut calls) = (planner.start(goal), 0);
+        loop {
+            calls += 1;
+            match planner.step(&mut search, robot, budget) {
+                Progress::Working => assert!(calls * budget < 60_000, "{center:?} {goal:?}"),
+                Progress::Found(plan) => return (Some(plan), calls),
+                Progress::Impossible => return (None, calls),
+            }
+        }
+    }
+
+    /// Posture (x, y, heading) of a leg at the distance `until` by fine integration in f64.
+    fn integrated(leg: &Leg, until: f64) -> [f64; 3] {
+        let [mut x, mut y, mut phi] = [leg.start.x, leg.start.y, leg.start.phi].map(f64::from);
+        let mut left = until;
+        for piece in leg.pieces {
+            let length = f64::from(piece.length).min(left);
+            left -= length;
+            let n = (length * 5e3) as usize + 1;
+            let h = length / n as f64;
+            for i in 0..n {
+                let share = h * (i as f64 + 0.5) / f64::from(piece.length).max(1e-12);
+                let kappa = f64::from(piece.from) + share * f64::from(piece.to - piece.from);
+                x += h * (phi + 0.5 * h * kappa).cos();
+                y += h * (phi + 0.5 * h * kappa).sin();
+                phi += h * kappa;
+            }
+        }
+        [x, y, phi]
+    }
+
+    fn within(leg: &Leg) {
+        let mut last = 0.0;
+        for piece in leg.pieces.iter().filter(|piece| piece.length > 1e-4) {
+            assert!(piece.from.abs().max(piece.to.abs()) <= KAPPA);
+            assert!((piece.to - piece.from).abs() <= 1.001 * SLOPE * piece.length + 1e-6);
+            assert!((piece.from - last).abs() < 1e-3, "{leg:?}");
+            last = piece.to;
+        }
+    }
+
+    /// Differences of position and of heading.
+    fn apart(a: [f64; 3], b: [f64; 3]) -> (f64, f64) {
+        let turn = a[2] - b[2];
+        (
+            (a[0] - b[0]).hypot(a[1] - b[1]),
+            turn.sin().atan2(turn.cos()).abs(),
+        )
+    }
+
+    #[test]
+    fn every_start_has_a_plan_that_ends_on_the_goal_within_the_limits() {
+        let (mut random, mut longest) = (1u32, 0);
+        let mut number = || {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (random >> 8) as f32 / (1u32 << 23) as f32 - 1.0
+        };
+        for _ in 0..120 {
+            let center = Posture::new(2.0 * number(), 2.0 * number(), PI * number());
+            let goal = Posture::new(0.5 * number(), 0.5 * number(), PI * number());
+            let (plan, calls) = solve(center, goal, 100);
+            longest = longest.max(100 * calls);
+            let plan = plan.unwrap();
+            within(&plan.last);
+            let sign = f64::from(plan.last.direction.sign());
+            let end = integrated(&plan.last, f64::INFINITY);
+            let heading = if sign > 0.0 {
+                0.0
+            } else {
+                core::f64::consts::PI
+            };
+            let goal_end = [sign * 0.5 * f64::from(BODY), 0.0, heading];
+            let (off, turn) = apart(end, goal_end);
+            assert!(
+                off < 2e-4 && turn < 1e-4,
+                "{center:?} {goal:?}: {off} {turn}"
+            );
+            assert_eq!(plan.last.run_out(), BODY);
+            // The first leg begins at the end that leads.
+            let first = plan.prelude.unwrap_or(plan.last);
+            let side = Posture::new(0.5 * first.direction.sign() * BODY, 0.0, 0.0);
+            let place = center.compose(side).relative_to(goal);
+            assert!(place.distance(first.start) < 1e-5);
+            if let Some(prelude) = plan.prelude {
+                within(&prelude);
+                assert_ne!(prelude.direction, plan.last.direction);
+                // One body behind the leader: on the prelude, or on the straight where the robot stood.
+                let back = f64::from(prelude.length() - BODY);
+                let [x, y, phi] = match back {
+                    0.0.. => integrated(&prelude, back),
+                    _ => {
+                        let [x, y, phi] =
+                            [prelude.start.x, prelude.start.y, prelude.start.phi].map(f64::from);
+                        [x + back * phi.cos(), y + back * phi.sin(), phi]
+                    }
+                };
+                let start = [plan.last.start.x, plan.last.start.y, plan.last.start.phi];
+                let behind = [x, y, phi + core::f64::consts::PI];
+                let (off, turn) = apart(start.map(f64::from), behind);
+                assert!(off < 1e-4 && turn < 1e-4, "{off} {turn}");
+            }
+        }
+        assert!(longest <= 45_000, "{longest}");
+    }
+
+    #[test]
+    fn straight_way_to_the_goal_is_the_plan_straight_ahead() {
+        for (x, direction) in [(-2.0, Direction::Forward), (1.5, Direction::Reverse)] {
+            let plan = solve(Posture::new(x, 0.0, 0.0), Posture::ORIGIN, 400)
+                .0
+                .unwrap();
+            assert_eq!((plan.prelude, plan.last.direction), (None, direction));
+            assert!((plan.cost_m - f32::abs(x)).abs() < 2e-3, "{}", plan.cost_m);
+        }
+    }
+
+    /// A goal a few centimetres beside needs a cusp, and costs a run-out at least.
+    #[test]
+    fn goal_close_beside_is_reached_by_driving_away() {
+        for goal in [
+            Posture::new(0.0, 0.05, 0.0),
+            Posture::new(0.03, -0.1, 0.1),
+            Posture::new(0.05, 0.0, 0.0),
+        ] {
+            let plan = solve(Posture::ORIGIN, goal, 400).0.unwrap();
+            assert!(plan.prelude.is_some() && plan.cost_m > BODY, "{goal:?}");
+            assert!(plan.cost_m < 4.5, "{goal:?} {}", plan.cost_m);
+        }
+    }
+
+    #[test]
+    fn search_does_not_depend_on_the_budget_and_nan_has_no_plan() {
+        let (center, goal) = (Posture::new(0.4, -0.6, 2.0), Posture::new(0.1, 0.2, 0.3));
+        assert_eq!(solve(center, goal, 37).0, solve(center, goal, 5000).0);
+        let lost = Posture::new(f32::NAN, 0.0, 0.0);
+        assert_eq!(solve(center, lost, 400).0, None);
+        assert_eq!(solve(lost, goal, 400).0, None);
+    }
+}

@@ -196,7 +196,7 @@ mod tests {
             let places = rebuild(&mut curve, &axles, LINK, (0.0085, 6.0));
             for (axle, place) in axles.iter().zip(places) {
                 let off = curve.at(place).knot.posture.relative_to(*axle);
-                assert!(off.x.abs().max(off.y.abs()) < 1e-3, "{frames:?} {off:?}");
+                assert!(off.x.abs().max(off.y.abs()) < 1.5e-3, "{frames:?} {off:?}");
                 assert!(off.phi.abs() < 5e-3, "{frames:?} {off:?}");
             }
             for k in 0..150u16 {
