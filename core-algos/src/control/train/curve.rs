@@ -17,7 +17,7 @@ use crate::math::trig::{sin_cos, wrap_angle};
 /// Number of knots that a curve can hold.
 pub const KNOTS: usize = 224;
 /// Position of the two Gauss points on [0, 1].
-const GAUSS: [f32; 2] = [0.211_324_87, 0.788_675_13];
+const GAUSS: [f32; 2] = [0.211_324_87, 0.788_675_1];
 
 /// Posture and curvature at a point of a curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

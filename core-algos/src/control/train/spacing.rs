@@ -28,7 +28,7 @@ const POINTS: [(f32, f32); 5] = [
     (0.230_765_34, 0.239_314_34),
     (0.5, 0.284_444_44),
     (0.769_234_66, 0.239_314_34),
-    (0.953_089_92, 0.118_463_44),
+    (0.953_089_9, 0.118_463_44),
 ];
 /// Iterations of the fixed point; each lowers the error to the share ½ φ².
 const ITERATIONS: usize = 3;
