@@ -1,6 +1,6 @@
 //! Wrench of the frame between two axles, and its load on each axle.
 
-use super::trig::sin_cos;
+use super::trig::{atan2, sin_cos, wrap_angle};
 use super::{Posture, Steering};
 
 /// Forces and moments of the frame. Axes are those of the rear axle, the origin is at the root.
@@ -82,6 +82,31 @@ impl Wrench {
         }
     }
 
+    /// Wrench of a frame whose front axle is at `relative` from its rear axle, without axial force: the cubic beam with
+    /// the slopes a, b of root and tip against the chord, `M_root = −EI (4a + 2b)/L`, `M_end = EI (2a + 4b)/L`, and the
+    /// shear `(M_root − M_end)/L` across the chord. Bending stiffness EI (N m²), flexible length L and rigid length at
+    /// each end in m. The moments are those at the ends of the flexible part.
+    pub fn cubic(stiffness: f32, length: f32, rigid_end: f32, relative: Posture) -> Self {
+        let (sin, cos) = sin_cos(relative.phi);
+        let x = relative.x - rigid_end * (1.0 + cos);
+        let y = relative.y - rigid_end * sin;
+        let chord = atan2(y, x);
+        let (root, tip) = (-chord, wrap_angle(relative.phi - chord));
+        let scale = stiffness / length;
+        let (moment_root, moment_end) = (
+            -scale * (4.0 * root + 2.0 * tip),
+            scale * (2.0 * root + 4.0 * tip),
+        );
+        let shear = (moment_root - moment_end) / length;
+        let (sin, cos) = sin_cos(chord);
+        Self {
+            force_x: -shear * sin,
+            force_y: shear * cos,
+            moment_root,
+            moment_end,
+        }
+    }
+
     /// Load on the rear axle, whose midpoint is `rigid_root` (m) behind the root.
     pub fn on_rear(&self, rigid_root: f32) -> AxleLoad {
         AxleLoad {
@@ -136,6 +161,52 @@ mod tests {
             let about_rear = rear.moment as f64 + front.moment as f64
                 + relative.x as f64 * fy - relative.y as f64 * fx;
             prop_assert!(about_rear.abs() < 2e-5);
+        }
+    }
+
+    /// Moments of the cubic are EI times its second derivative, taken from samples in f64; the shear is its third.
+    #[test]
+    fn cubic_frame_has_the_moments_of_its_curvature_and_no_axial_force() {
+        let (stiffness, length) = (0.833f64, 0.37f64);
+        for (a, b) in [(-0.1, 0.1), (0.05, 0.12), (-0.2, -0.05), (0.0, 0.15)] {
+            for rigid in [0.0, 0.04] {
+                // Headings against the rear axle: of the chord of the flexible part, of the front axle.
+                let turn = -a;
+                let tip: [f64; 2] = [turn, turn + b];
+                let x = rigid + length * tip[0].cos() + rigid * tip[1].cos();
+                let y = length * tip[0].sin() + rigid * tip[1].sin();
+                let relative = Posture::new(x as f32, y as f32, tip[1] as f32);
+                let [f, l, r] = [stiffness, length, rigid].map(|v| v as f32);
+                let wrench = Wrench::cubic(f, l, r, relative);
+                let cubic =
+                    |u: f64| length * (a * u * (1.0 - u) * (1.0 - u) - b * u * u * (1.0 - u));
+                let h = 1e-3;
+                let second = |u: f64| {
+                    let [low, here, high] = [u - h, u, u + h].map(cubic);
+                    (low - 2.0 * here + high) / (h * h * length * length)
+                };
+                let moments = [0.0, 1.0].map(|u| stiffness * second(u));
+                assert!((f64::from(wrench.moment_root) - moments[0]).abs() < 1e-4);
+                assert!((f64::from(wrench.moment_end) - moments[1]).abs() < 1e-4);
+                let shear = (moments[0] - moments[1]) / length;
+                let (s, c) = turn.sin_cos();
+                assert!((f64::from(wrench.force_x) + shear * s).abs() < 1e-3);
+                assert!((f64::from(wrench.force_y) - shear * c).abs() < 1e-3);
+            }
+        }
+    }
+
+    /// Pure bending is a circle; the cubic gives its moment up to terms of third order in ψ.
+    #[test]
+    fn cubic_frame_on_a_circle_is_in_pure_bending() {
+        for psi in [-0.3f32, 0.05, 0.2] {
+            let chord = 0.37 * psi.sin() / psi;
+            let relative = Posture::new(chord * psi.cos(), chord * psi.sin(), 2.0 * psi);
+            let cubic = Wrench::cubic(0.833, 0.37, 0.0, relative);
+            let pure = Wrench::pure_bending(0.833, 0.37, Steering(psi));
+            assert!((cubic.moment_root - pure.moment_root).abs() < 1e-5);
+            assert!((cubic.moment_end - pure.moment_end).abs() < 1e-5);
+            assert!(cubic.force_x.abs() + cubic.force_y.abs() < 1e-4);
         }
     }
 

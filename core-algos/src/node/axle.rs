@@ -340,8 +340,13 @@ impl AxleNode {
         let state = &mut self.state;
         let ramp = &self.ramp;
         let (velocity, steering, length) = (state.velocity, state.steering, self.frame.length_m);
+        let many = self.topology.axle_count() > 2;
         let stop = state.stop.get_or_insert_with(|| Stop {
             ramp: match state.followed {
+                // Each axle is on its own circle: the frames bend differently.
+                Some(reference) if many => {
+                    ramp.begin_on_circle(reference.posture, velocity, reference.twist)
+                }
                 Some(reference) => ramp.begin(reference.posture, velocity, steering, length),
                 None => ramp.begin(state.filter.posture(), 0.0, Steering::STRAIGHT, length),
             },
@@ -375,7 +380,7 @@ impl AxleNode {
             posture,
             twist: self.twist(speeds),
             reference,
-            reference_load: self.reference_load(),
+            reference_load: self.reference_load(now),
             beam_load: self.beam_load(now),
             ground_force_n: self.state.ground_force_n,
         };
@@ -537,14 +542,42 @@ impl AxleNode {
         })
     }
 
-    /// Load of the frames in pure bending by the commanded steering angle.
-    fn reference_load(&self) -> AxleLoad {
+    /// Load of the frames: in pure bending by the commanded steering angle; of a robot of three and more axles, whose
+    /// frames bend differently, by [`Self::bend_load`].
+    fn reference_load(&self, now: Micros) -> AxleLoad {
+        if self.topology.axle_count() > 2 {
+            return self.bend_load(now);
+        }
         let psi = self.state.steering;
         let wrench =
             Wrench::pure_bending(self.frame.bending_stiffness_n_m2, self.frame.length_m, psi);
         let relative = Posture::new(0.0, 0.0, psi.relative_heading().0);
         let bent = |_: &Frame| Some((wrench, relative));
         self.load(bent).unwrap_or_default()
+    }
+
+    /// Load of the frames in their measured bend, without axial force. The measured wrench itself would be a positive
+    /// feedback that holds an axial force. A frame without a fresh posture counts as no load: its bend is unknown, the
+    /// controller holds the axle within centimetres, and the supervisor stops a robot whose beam board is silent.
+    fn bend_load(&self, now: Micros) -> AxleLoad {
+        let FrameProperties {
+            bending_stiffness_n_m2,
+            length_m,
+            rigid_end_m,
+        } = self.frame;
+        let bent = |frame: &Frame| {
+            let relative = *frame.relative.as_ref()?.fresh(now, self.wrench_timeout)?;
+            let wrench = Wrench::cubic(bending_stiffness_n_m2, length_m, rigid_end_m, relative);
+            Some((wrench, relative))
+        };
+        let mut load = AxleLoad::default();
+        if let Some((wrench, relative)) = bent(&self.state.behind) {
+            load = load.plus(wrench.on_front(relative, rigid_end_m));
+        }
+        if let Some((wrench, _)) = bent(&self.state.ahead) {
+            load = load.plus(wrench.on_rear(rigid_end_m));
+        }
+        load
     }
 
     /// Load of the frames as measured by their boards; `None` unless every measurement is fresh.

@@ -226,6 +226,7 @@ impl RobotConfig {
         let frame = axle::FrameProperties {
             bending_stiffness_n_m2: self.geometry.bending_stiffness_n_m2,
             length_m: self.geometry.frame_length_m,
+            rigid_end_m: self.geometry.rigid_end_m,
         };
         self.completed().axle.build(axle, self.topology(), frame)
     }

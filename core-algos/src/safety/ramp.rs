@@ -4,12 +4,16 @@
 //! (paper eq. 5 and 6). All axles have received the same v_O and ψ. Each begins when the stop is announced or the
 //! references cease, so each computes its own motion without further messages.
 //!
+//! Three and more axles drive at different curvatures. Each of them stops on its own last circle, with the curvature
+//! ω/v of the reference that it followed ([`Ramp::begin_on_circle`]); all take the same duration.
+//!
 //! A bent frame at rest pushes the axles. If the motors were switched off at once, the frame would spring back and
 //! swing the axles for seconds. So the holding torque fades.
 //!
 //! | condition | reference | from | until | reason |
 //! |---|---|---|---|---|
 //! | stop begins | the speed of the midpoint falls linearly to 0, with the steering held | at once | after its magnitude divided by 1 m/s², at least 0.1 s, at most the supervisor's timeout less 0.95 s | all axles follow the same law |
+//! | three or more axles | speed and yaw rate of the last reference fall linearly to 0 | at once | as above | the bends of the frames differ |
 //! | steering beyond 1.2 rad | as for 1.2 rad | at once | | cos ψ stays away from 0 |
 //! | speed, steering, posture or derived twist not finite | standstill at the origin, for the shortest duration | at once | | the motion is unknown |
 //! | at rest | full holding torque | the end of the deceleration | 0.1 s later | the axles settle together |
@@ -120,18 +124,33 @@ impl Ramp {
         let within = clamp(psi, -STEEPEST, STEEPEST);
         let (_, c) = sin_cos(within);
         let start = Twist::new(speed / c, 2.0 * within / (length * c) * speed);
-        if !(posture.is_finite() && psi.is_finite() && start.is_finite()) {
-            return State {
-                start: Twist::default(),
-                posture: Posture::ORIGIN,
-                duration: self.shortest,
-                elapsed: 0.0,
-            };
+        if !psi.is_finite() {
+            return self.standstill();
+        }
+        self.begin_on_circle(posture, speed, start)
+    }
+
+    /// Begins a stop of an axle on its last circle: the axle's reference posture is `posture` and its twist `start`,
+    /// and the lead node has sent the speed `speed` (m/s), from which all axles take the same duration. Numbers that
+    /// are not finite count as standstill.
+    pub fn begin_on_circle(&self, posture: Posture, speed: f32, start: Twist) -> State {
+        if !(posture.is_finite() && speed.is_finite() && start.is_finite()) {
+            return self.standstill();
         }
         State {
             start,
             posture,
             duration: clamp(speed.abs() / self.deceleration, self.shortest, self.longest),
+            elapsed: 0.0,
+        }
+    }
+
+    /// A stop of an axle whose motion is unknown.
+    fn standstill(&self) -> State {
+        State {
+            start: Twist::default(),
+            posture: Posture::ORIGIN,
+            duration: self.shortest,
             elapsed: 0.0,
         }
     }
@@ -293,6 +312,39 @@ mod tests {
             assert_ne!(begin(sign * 1.19), begin(sign * 1.2));
         }
         assert_eq!(ramp.step(&mut begin(0.4), 0.0).posture, at);
+    }
+
+    /// An axle on its own circle stops after half of speed times duration, on this circle; the duration is that of the
+    /// robot's speed.
+    #[test]
+    fn axle_stops_on_its_last_circle_in_the_time_of_the_robot() {
+        let ramp = Config::default().build(TIMEOUT).unwrap();
+        for (speed, own, kappa) in [(0.2f32, 0.21, 2.4), (-0.25, -0.22, -1.3), (0.3, 0.3, 0.0)] {
+            let mut state =
+                ramp.begin_on_circle(Posture::ORIGIN, speed, Twist::new(own, kappa * own));
+            let before = ramp.step(&mut state, 0.999 * speed.abs());
+            assert!(before.twist.v != 0.0);
+            assert!((before.twist.omega - kappa * before.twist.v).abs() < 1e-6);
+            let end = ramp.step(&mut state, 1.0);
+            let way = 0.5 * f64::from(own) * f64::from(speed.abs());
+            let turn = way * f64::from(kappa);
+            assert_eq!(end.twist, Twist::REST);
+            assert!((f64::from(end.posture.phi) - turn).abs() < 1e-6);
+            let chord = f64::from(end.posture.x).hypot(f64::from(end.posture.y));
+            let expected = match turn {
+                0.0 => way.abs(),
+                _ => (2.0 * (0.5 * turn).sin() / f64::from(kappa)).abs(),
+            };
+            assert!((chord - expected).abs() < 1e-6, "{chord} {expected}");
+        }
+        for odd in [f32::NAN, f32::INFINITY] {
+            for (speed, v, omega) in [(odd, 0.2, 0.1), (0.2, odd, 0.1), (0.2, 0.2, odd)] {
+                let at = Posture::new(1.0, 2.0, 0.3);
+                let mut state = ramp.begin_on_circle(at, speed, Twist::new(v, omega));
+                let found = ramp.step(&mut state, 1e-3);
+                assert_eq!((found.posture, found.twist), Default::default());
+            }
+        }
     }
 
     #[test]

@@ -348,9 +348,14 @@ impl<const N: usize> PathBuffer<N> {
 }
 
 impl<const N: usize> TrajectoryBuffer<N> {
+    /// Arc lengths of the first and the last point, m; `None` without points.
+    pub(in crate::control) fn bounds(&self) -> Option<[f32; 2]> {
+        Some([self.get(0)?.point.s, self.last()?.point.s])
+    }
+
     /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s), by the cubic through the neighbouring points
     /// with their speeds. Before the first and after the last point: at rest at this point.
-    pub(super) fn time_law(&self, time: f32) -> Option<[f32; 3]> {
+    pub(in crate::control) fn time_law(&self, time: f32) -> Option<[f32; 3]> {
         let (first, last) = (self.get(0)?, self.last()?);
         if !(time > first.time_s) {
             return Some([first.point.s, 0.0, 0.0]);

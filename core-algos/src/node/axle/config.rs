@@ -2,7 +2,7 @@
 
 use super::{AxleNode, Neighbours, State};
 use crate::bus::layout;
-use crate::config::{ConfigError, declare, positive};
+use crate::config::{ConfigError, declare, non_negative, positive};
 use crate::control::{disturbance, dynamic, wheel_observer};
 use crate::fusion::ekf;
 use crate::fusion::standstill::{self, RestTimes};
@@ -101,6 +101,8 @@ pub struct FrameProperties {
     pub bending_stiffness_n_m2: f32,
     /// Flexible length L, m.
     pub length_m: f32,
+    /// Rigid length between each end of the flexible part and its axle, m.
+    pub rigid_end_m: f32,
 }
 
 impl Config {
@@ -114,6 +116,7 @@ impl Config {
         self.check_ranges()?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
         positive("frame_length_m", frame.length_m)?;
+        non_negative("rigid_end_m", frame.rigid_end_m)?;
         self.limits.check_ranges()?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
         let period = positive("period_s", self.filter.period_s)?;

@@ -8,6 +8,7 @@ use core::f64::consts::TAU;
 const FRAME: FrameProperties = FrameProperties {
     bending_stiffness_n_m2: 0.833,
     length_m: 0.37,
+    rigid_end_m: 0.0,
 };
 
 fn node(axle: AxleId) -> AxleNode {
@@ -429,7 +430,7 @@ fn reference_twist_and_load_follow_from_mechanics() {
     near(rear.twist([0.1, 0.3]).v, 0.2);
     near(rear.twist([0.1, 0.3]).omega, 0.2 / 0.324);
     (front.state.steering, rear.state.steering) = (Steering(0.2), Steering(0.2));
-    let moments = [front, rear].map(|node| node.reference_load().moment);
+    let moments = [front, rear].map(|node| node.reference_load(0).moment);
     near(moments[0].abs(), 0.833 * 0.4 / 0.37);
     near(moments[0] + moments[1], 0.0);
 }
@@ -852,4 +853,75 @@ fn force_of_the_ground_is_zero_while_the_reference_is_far_away() {
         assert_eq!(node.state().ground_force_n < -1.0, grown, "{at}");
     }
     assert_eq!(node.state().ground_force_n, 0.0);
+}
+
+/// Node of an inner axle of three, with the frames behind and ahead bent as given at `now`.
+fn inner(now: Micros, behind: Posture, ahead: Posture) -> AxleNode {
+    let topology = Topology::new(3).unwrap();
+    let frame = FrameProperties {
+        rigid_end_m: 0.02,
+        ..FRAME
+    };
+    let mut node = Config::default().build(AxleId(1), topology, frame).unwrap();
+    for (frame, posture) in [(FrameId(0), ahead), (FrameId(1), behind)] {
+        node.receive(
+            now,
+            &Message::BeamPosture {
+                frame,
+                sequence: sequence(now),
+                posture,
+                gauges: 5,
+            },
+        );
+    }
+    node
+}
+
+/// An inner axle carries the difference of the bends: an S-bend turns it with both moments, an arc with none.
+#[test]
+fn inner_axle_is_loaded_by_the_measured_bends_of_both_frames() {
+    let psi = 0.2f32;
+    let chord = 0.37 * psi.sin() / psi;
+    let arc = |sign: f32| {
+        let start = Posture::new(0.02, 0.0, 0.0);
+        let bent = Posture::new(
+            chord * psi.cos(),
+            sign * chord * psi.sin(),
+            sign * 2.0 * psi,
+        );
+        start.compose(bent).compose(start)
+    };
+    let load = |behind, ahead| inner(EPOCH, behind, ahead).reference_load(EPOCH + TICK);
+    let moment = 0.833 * 2.0 * psi / 0.37;
+    let bow = load(arc(1.0), arc(1.0));
+    assert!(
+        bow.moment.abs() < 1e-4 && bow.lateral.abs() < 1e-3,
+        "{bow:?}"
+    );
+    let wave = load(arc(-1.0), arc(1.0));
+    assert!((wave.moment - 2.0 * moment).abs() < 1e-3, "{wave:?}");
+    // A frame whose posture is too old is no load.
+    let node = inner(EPOCH, arc(1.0), arc(1.0));
+    assert_eq!(node.reference_load(EPOCH + 1_000_000), AxleLoad::default());
+}
+
+/// Curvature and speed of each axle's own reference, not the steering of the robot, shape its stop.
+#[test]
+fn inner_axle_stops_on_the_circle_of_its_reference() {
+    let mut node = inner(EPOCH, Posture::ORIGIN, Posture::ORIGIN);
+    node.state.followed = Some(AxleReference {
+        posture: Posture::new(0.5, 0.0, 0.0),
+        twist: Twist::new(0.19, -0.38),
+        acceleration: Twist::REST,
+    });
+    (node.state.velocity, node.state.steering) = (0.2, Steering(0.4));
+    let mut last = node.brake();
+    for _ in 0..400 {
+        let now = node.brake();
+        assert!((now.twist.omega + 2.0 * now.twist.v).abs() < 1e-6);
+        last = now;
+    }
+    assert_eq!(last.twist, Twist::REST);
+    // Half of 0.19 m/s for 0.2 s.
+    assert!((last.posture.phi + 2.0 * 0.019).abs() < 1e-4, "{last:?}");
 }

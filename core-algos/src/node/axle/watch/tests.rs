@@ -9,6 +9,7 @@ use crate::topology::{AxleId, Side, Topology, Wheels};
 const FRAME: FrameProperties = FrameProperties {
     bending_stiffness_n_m2: 0.833,
     length_m: 0.37,
+    rigid_end_m: 0.0,
 };
 const NOW: Micros = 1_000_000;
 

@@ -1,0 +1,200 @@
+//! Desired path of the leader: a leg of a plan, a path of the user, or a curvature.
+//!
+//! A guide keeps the point of the desired path that is nearest to the end of the curve, and advances with each knot.
+
+use super::Direction;
+use super::curve::Knot;
+use super::leader::Desired;
+use super::planner::Leg;
+use crate::control::path::{PathBuffer, PathSample, TrajectoryBuffer};
+use crate::math::Posture;
+use crate::math::trig::{clamp, sin_cos, wrap_angle};
+use core::f32::consts::PI;
+
+/// Path of the user.
+pub trait Route {
+    /// The path at arc length `s` (m); `None` without points.
+    fn at(&self, s: f32) -> Option<PathSample>;
+    /// Arc length of the first point held, m.
+    fn first(&self) -> f32;
+    /// Arc length of the last point held, m.
+    fn last(&self) -> f32;
+    /// True if no more points will come.
+    fn is_complete(&self) -> bool;
+}
+
+impl<const N: usize> Route for PathBuffer<N> {
+    fn at(&self, s: f32) -> Option<PathSample> {
+        self.at(s)
+    }
+
+    fn first(&self) -> f32 {
+        self.start()
+    }
+
+    fn last(&self) -> f32 {
+        self.end()
+    }
+
+    fn is_complete(&self) -> bool {
+        self.is_complete()
+    }
+}
+
+impl<const N: usize> Route for TrajectoryBuffer<N> {
+    fn at(&self, s: f32) -> Option<PathSample> {
+        self.at(s)
+    }
+
+    fn first(&self) -> f32 {
+        self.bounds().map_or(0.0, |[first, _]| first)
+    }
+
+    fn last(&self) -> f32 {
+        self.bounds().map_or(0.0, |[_, last]| last)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.is_complete()
+    }
+}
+
+/// Step of the search for the nearest point of a path, m.
+const SEARCH_STEP_M: f32 = 0.02;
+/// Rate of curvature along a leg over the largest of plans.
+const MARGIN: f32 = 1.2;
+/// Weight of a heading error in this search, m².
+const HEADING_WEIGHT_M2: f32 = 0.05;
+
+/// A path that continues straight beyond its ends.
+pub fn extended(route: &dyn Route, s: f32) -> Option<PathSample> {
+    let within = clamp(s, route.first(), route.last());
+    let at = route.at(within)?;
+    let beyond = s - within;
+    if beyond == 0.0 {
+        return Some(at);
+    }
+    let (sin, cos) = sin_cos(at.posture.phi);
+    Some(PathSample {
+        posture: Posture {
+            x: at.posture.x + beyond * cos,
+            y: at.posture.y + beyond * sin,
+            phi: at.posture.phi,
+        },
+        kappa: 0.0,
+        kappa_slope: 0.0,
+    })
+}
+
+/// Arc length (m) of the point nearest to `end` in position and heading, from the first point to `window` (m) beyond it.
+pub fn entry(route: &dyn Route, end: Posture, window: f32) -> f32 {
+    let first = route.first();
+    let last = first + window;
+    let (mut best, mut least) = (first, f32::INFINITY);
+    let mut s = first;
+    while s <= last {
+        if let Some(at) = extended(route, s) {
+            let off = end.relative_to(at.posture);
+            let square = off.x * off.x + off.y * off.y + HEADING_WEIGHT_M2 * off.phi * off.phi;
+            if square < least {
+                (best, least) = (s, square);
+            }
+        }
+        s += SEARCH_STEP_M;
+    }
+    best
+}
+
+/// The point of a leg nearest to the end of the curve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnLeg {
+    /// The leg.
+    pub leg: Leg,
+    /// Posture in the direction of travel and the coordinates of the goal.
+    posture: Posture,
+    /// Distance from the start of the leg, m.
+    pub u: f32,
+}
+
+impl OnLeg {
+    /// A leg without length.
+    pub const NEW: Self = Self {
+        leg: Leg::NEW,
+        posture: Posture::ORIGIN,
+        u: 0.0,
+    };
+
+    /// The start of a leg.
+    pub fn new(leg: Leg) -> Self {
+        Self {
+            leg,
+            posture: leg.start,
+            u: 0.0,
+        }
+    }
+
+    /// Advances by `du` (m), also backwards.
+    pub fn advance(&mut self, du: f32) {
+        let (kappa, _) = self.leg.curvature(self.u);
+        let (next, _) = self.leg.curvature(self.u + du);
+        // A quotient of two tiny numbers may be infinite.
+        let slope = if du.abs() > 1e-6 {
+            (next - kappa) / du
+        } else {
+            0.0
+        };
+        let knot = Knot {
+            posture: self.posture,
+            kappa,
+        };
+        self.posture = knot.advance(du, slope).posture;
+        self.u += du;
+    }
+
+    /// Posture of the point, facing forward, in the coordinates of `goal`.
+    pub fn posture(&self, goal: Posture) -> Posture {
+        let at = goal.compose(self.posture);
+        match self.leg.direction {
+            Direction::Forward => at,
+            Direction::Reverse => Posture {
+                phi: wrap_angle(at.phi + PI),
+                ..at
+            },
+        }
+    }
+
+    /// Finds the point nearest to `end`, and gives the desired path for the next knot. `slope` (1/m²) bounds the
+    /// feedback, so that it fades before the run-out.
+    pub fn next(&mut self, end: Posture, goal: Posture, pitch: f32, slope: f32) -> Desired {
+        let sign = self.leg.direction.sign();
+        let ahead = sign * end.relative_to(self.posture(goal)).x;
+        self.advance(clamp(ahead, -pitch, pitch));
+        let posture = self.posture(goal);
+        let left = self.leg.length() - self.leg.run_out() - self.u;
+        let (kappa, _) = self.leg.curvature(self.u + pitch);
+        self.advance(pitch);
+        Desired {
+            posture: Some(posture),
+            kappa: sign * kappa,
+            bound: 0.5 * slope * left.max(0.0),
+            // A little more than that of the plan is left to the feedback.
+            slope: MARGIN * slope,
+        }
+    }
+}
+
+/// Moves `u` to the point of the route nearest to `end`, and gives the desired path for the next knot. `None` without
+/// points.
+pub fn along(route: &dyn Route, u: &mut f32, end: Posture, pitch: f32) -> Option<Desired> {
+    let ahead = end.relative_to(extended(route, *u)?.posture).x;
+    *u += clamp(ahead, -pitch, pitch);
+    let posture = extended(route, *u)?.posture;
+    *u += pitch;
+    let next = extended(route, *u)?;
+    Some(Desired {
+        posture: Some(posture),
+        kappa: next.kappa,
+        bound: f32::INFINITY,
+        slope: next.kappa_slope,
+    })
+}

@@ -1,0 +1,207 @@
+use super::*;
+use crate::control::path::PathPoint;
+
+type Order<'a> = Task<'a, 256, 16>;
+
+fn train(axles: u8) -> Train {
+    let config = Config {
+        axles,
+        ..Config::default()
+    };
+    config.build().unwrap()
+}
+
+/// Axles of a straight robot whose first axle is at the origin.
+fn straight(axles: u8) -> [Posture; MAX_AXLES] {
+    let mut postures = [Posture::ORIGIN; MAX_AXLES];
+    for (i, posture) in postures.iter_mut().enumerate().take(axles.into()) {
+        posture.x = -0.37 * i as f32;
+    }
+    postures
+}
+
+/// The axles stand at their references: a robot without errors.
+fn ideal(step: &Step) -> [Posture; MAX_AXLES] {
+    step.references.map(|reference| reference.posture)
+}
+
+#[test]
+fn references_are_integral_and_derivative_of_their_twists() {
+    for axles in 3..=5 {
+        let (train, mut state) = (train(axles), State::NEW);
+        let mut postures = straight(axles);
+        let mut last: Option<Step> = None;
+        for epoch in 0..900 {
+            let task = Order::Drive {
+                speed_m_s: if epoch < 500 { 0.2 } else { -0.2 },
+                curvature: if epoch % 200 < 100 { 2.0 } else { -1.0 },
+            };
+            let step = train.step(&mut state, &postures, task);
+            postures = ideal(&step);
+            if let Some(last) = last {
+                for (a, b) in last.references.iter().zip(&step.references) {
+                    let v = 0.5 * (a.twist.v + b.twist.v);
+                    let omega = 0.5 * (a.twist.omega + b.twist.omega);
+                    let expected = a.posture.advance(v * EPOCH_S, omega * EPOCH_S);
+                    assert!(expected.distance(b.posture) < 1e-5, "{epoch} {a:?} {b:?}");
+                    let [_, _, turn] = expected.minus(b.posture);
+                    assert!(turn.abs() < 3e-4, "{epoch} {turn}");
+                    let gained = EPOCH_S * b.acceleration.v;
+                    assert!((b.twist.v - a.twist.v - gained).abs() < 2e-4, "{epoch}");
+                }
+            }
+            last = Some(step);
+        }
+    }
+}
+
+#[test]
+fn robot_at_its_goal_does_not_move() {
+    let (train, mut state) = (train(4), State::NEW);
+    let postures = straight(4);
+    let goal = Posture::new(-0.555, 0.0, 0.0);
+    let mut done = false;
+    for _ in 0..100 {
+        let task = Order::Regulate {
+            goal,
+            within: Tolerance::default(),
+        };
+        let step = train.step(&mut state, &postures, task);
+        assert!(step.v == 0.0 && !matches!(step.phase, Phase::Plan | Phase::Approach));
+        done = step.done;
+    }
+    assert!(done);
+}
+
+/// A robot whose axles do not move: the references wait, and the second time in the same place it gives up.
+#[test]
+fn blocked_robot_waits_and_gives_up() {
+    let (train, mut state) = (train(3), State::NEW);
+    let postures = straight(3);
+    let mut largest = 0.0f32;
+    for _ in 0..3000 {
+        let task = Order::Regulate {
+            goal: Posture::new(2.0, 0.5, 0.0),
+            within: Tolerance::default(),
+        };
+        let step = train.step(&mut state, &postures, task);
+        for (axle, reference) in postures.iter().zip(&step.references) {
+            largest = largest.max(axle.distance(reference.posture));
+        }
+        if step.gave_up {
+            assert!(state.is_blocked());
+            // The reference waits for the axle at the configured distance, plus the way to brake.
+            assert!(largest < 0.08, "{largest}");
+            return;
+        }
+    }
+    panic!("the robot did not give up");
+}
+
+#[test]
+fn estimate_that_is_not_finite_brakes_along_the_curve() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut postures = straight(3);
+    let task = || Order::Drive {
+        speed_m_s: 0.2,
+        curvature: 1.0,
+    };
+    postures[1].y = f32::NAN;
+    let step = train.step(&mut state, &postures, task());
+    assert!(step.v == 0.0 && state.curve.is_empty());
+    postures = straight(3);
+    for _ in 0..200 {
+        postures = ideal(&train.step(&mut state, &postures, task()));
+    }
+    postures[2].phi = f32::NAN;
+    let mut last = 0.2;
+    for _ in 0..40 {
+        let step = train.step(&mut state, &postures, task());
+        assert!(step.v <= last);
+        assert!(
+            step.references
+                .iter()
+                .all(|r| r.posture.is_finite() && r.twist.is_finite())
+        );
+        last = step.v;
+    }
+    assert_eq!(last, 0.0);
+}
+
+#[test]
+fn robot_far_from_its_path_is_lost() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut path = PathBuffer::<256>::new();
+    for k in 0..100u8 {
+        let x = 0.01 * f32::from(k);
+        path.push(PathPoint {
+            posture: Posture::new(x, 0.9, 0.0),
+            kappa: 0.0,
+            s: x,
+        })
+        .unwrap();
+    }
+    let task = Order::Follow {
+        path: &mut path,
+        within: Tolerance::default(),
+    };
+    let step = train.step(&mut state, &straight(3), task);
+    assert!(step.lost && !step.done);
+    state.restart_task();
+    assert!(!train.step(&mut state, &straight(3), Order::Stop).lost);
+}
+
+#[test]
+fn midpoint_is_the_mean_of_the_middles() {
+    let axles = [
+        Posture::new(1.0, 1.0, 0.0),
+        Posture::new(0.5, 0.2, 0.0),
+        Posture::new(0.0, 0.0, 0.0),
+    ];
+    let center = midpoint(&axles);
+    assert!((center.x - 0.5).abs() < 1e-6 && (center.y - 0.35).abs() < 1e-6);
+    assert!((center.phi - core::f32::consts::FRAC_PI_4).abs() < 1e-6);
+}
+
+#[test]
+fn planning_ahead_changes_nothing() {
+    let run = |ahead: bool| {
+        let (train, mut state) = (train(3), State::NEW);
+        let mut postures = straight(3);
+        let mut steps = Vec::new();
+        for _ in 0..400 {
+            let task = Order::Regulate {
+                goal: Posture::new(0.3, 0.8, 1.0),
+                within: Tolerance::default(),
+            };
+            let step = train.step(&mut state, &postures, task);
+            postures = ideal(&step);
+            steps.push(step);
+            for _ in 0..7 {
+                if ahead {
+                    train.plan_ahead(&mut state, 7);
+                }
+            }
+        }
+        steps
+    };
+    assert!(run(true) == run(false));
+}
+
+#[test]
+fn state_fits_its_memory() {
+    assert!(size_of::<State>() <= 5700, "{}", size_of::<State>());
+}
+
+#[test]
+fn invalid_parameters_are_refused_by_name() {
+    crate::config::refusal_of(Config::default(), Config::build).names(&[
+        ("curvature_share", |c| c.curvature_share = 0.0),
+        ("slope_share", |c| c.slope_share = f32::NAN),
+        ("length_constant_m", |c| c.length_constant_m = 0.0),
+        ("speed_m_s", |c| c.speed_m_s = -0.1),
+        ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.2),
+        ("axles", |c| c.axles = 6),
+        ("frame_length_m", |c| c.frame_length_m = 0.0),
+    ]);
+}
