@@ -20,6 +20,7 @@ mod fuse;
 mod fused;
 mod own;
 mod pair;
+mod path_memory;
 mod send;
 mod task;
 mod track;
@@ -41,6 +42,7 @@ use crate::bus::LeadMode;
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::governor::{self, GovernorInput};
 use crate::control::regulator::{self, Phase};
+use crate::control::train;
 use crate::fusion::robot;
 use crate::math::{Posture, Transform, Twist};
 use crate::safety::supervisor;
@@ -194,9 +196,11 @@ pub struct LeadNode {
     with: Algorithms,
     /// Placement that the user's estimator has not received.
     placement: Option<Placement>,
-    // The next four are outside of `state`, which passes over the stack: each is larger than `state`.
+    // The next five are outside of `state`, which passes over the stack: each is larger than `state`.
     /// Buffers of path and trajectory.
     path_task: path_task::State,
+    /// Curve on which three or more axles drive.
+    train: train::State,
     /// Reports and odometry of the axles, front first.
     tracks: heapless::Vec<AxleTrack, MAX_AXLES>,
     /// Pairs of neighbouring axles, front first.
@@ -226,6 +230,7 @@ impl LeadNode {
             with: algorithms,
             placement: None,
             path_task: path_task::State::EMPTY,
+            train: train::State::NEW,
             tracks: heapless::Vec::new(),
             pairs: heapless::Vec::new(),
             fusing: Fusing::default(),
@@ -237,6 +242,7 @@ impl LeadNode {
     pub fn restart(&mut self) {
         self.placement = None;
         self.path_task.clear();
+        self.train.forget_curve();
         self.tracks.clear();
         self.pairs.clear();
         for _ in self.with.topology.axles() {
@@ -280,6 +286,13 @@ impl LeadNode {
 
     /// Sets the task, which begins from the current motion.
     pub fn command(&mut self, task: Task) {
+        let again = matches!(
+            (self.state.task, task),
+            (Task::Regulate { .. }, Task::Regulate { .. })
+        );
+        if !again || self.state.failed.is_some() {
+            self.train.restart_task();
+        }
         self.state.task = task;
         if let Task::Regulate { goal, .. } = task {
             self.state.goal = Some(goal);
@@ -342,7 +355,10 @@ impl LeadNode {
             }
         }
         // All ticks of an epoch plan ahead, except those of the reports, of the step and of the fusion.
-        let ticks = (EPOCH / TICK) as u32 - 3;
+        let ticks = ((EPOCH / TICK) as u32 - 2).saturating_sub(self.frame_count() as u32);
+        if let Some(train) = &self.with.train {
+            return train.plan_ahead(&mut self.train, ticks);
+        }
         self.with
             .regulator
             .plan_ahead(&mut self.state.regulator, ticks);
@@ -375,6 +391,9 @@ impl LeadNode {
         let Some(fused) = fused.filter(|_| driving) else {
             return self.idle(now, fused, supervision, outbox);
         };
+        if let Some(train) = self.with.train {
+            return self.step_train(now, &train, &fused, supervision, outbox);
+        }
         let center = Transform::from(fused.robot().posture);
         let driven = self.state.odom.unwrap_or(center.posture);
 

@@ -92,11 +92,16 @@ impl Config {
     }
 }
 
+/// Buffer of a path.
+pub type Path = PathBuffer<PATH_POINTS>;
+/// Buffer of a trajectory.
+pub type Trajectory = TrajectoryBuffer<TRAJECTORY_POINTS>;
+
 /// Path and trajectory, and the progress of the robot along them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
-    path: PathBuffer<PATH_POINTS>,
-    trajectory: TrajectoryBuffer<TRAJECTORY_POINTS>,
+    path: Path,
+    trajectory: Trajectory,
     progress: Progress,
     /// Start time of the trajectory, and the trajectory time at that start.
     start: Option<(Micros, f32)>,
@@ -198,6 +203,30 @@ impl State {
     pub fn finish_trajectory(&mut self) {
         self.trajectory.finish();
     }
+
+    /// Path and trajectory.
+    pub(super) fn buffers(&mut self) -> (&mut Path, &mut Trajectory) {
+        (&mut self.path, &mut self.trajectory)
+    }
+
+    /// Time on the trajectory at the time `epoch`, s. The trajectory begins with the first call after
+    /// [`Self::restart`], at its first point in the buffer.
+    pub(super) fn time(&mut self, epoch: Micros) -> f32 {
+        // Earlier points have been dropped, so a task given again continues where it stopped.
+        let begin = self.trajectory.start();
+        let (start, first) = *self.start.get_or_insert((epoch, begin));
+        first + seconds(epoch.saturating_sub(start))
+    }
+
+    /// Drops the points of the trajectory before `time` (s).
+    pub(super) fn discard_before(&mut self, time: f32) {
+        self.trajectory.discard_before(time);
+    }
+
+    /// Sets whether the robot rests at the end, and whether it was too far from its path.
+    pub(super) fn set_end(&mut self, resting: bool, lost: bool) {
+        (self.resting, self.lost) = (resting, lost);
+    }
 }
 
 /// Output of the path task at an epoch.
@@ -290,10 +319,7 @@ impl PathTask {
         if state.trajectory.is_empty() {
             return PathStep::default();
         }
-        // Earlier points have been dropped, so a task given again continues where it stopped.
-        let begin = state.trajectory.start();
-        let (start, first) = *state.start.get_or_insert((epoch, begin));
-        let time = first + seconds(epoch.saturating_sub(start));
+        let time = state.time(epoch);
         let Some(reference) = self.tracker.at(&state.trajectory, time) else {
             return PathStep::default();
         };

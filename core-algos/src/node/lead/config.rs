@@ -5,6 +5,7 @@ use crate::config::{ConfigError, declare};
 use crate::control::cascade::{self, Cascade};
 use crate::control::governor::{self, Governor};
 use crate::control::regulator::{self, Regulator};
+use crate::control::train::{self, Train};
 use crate::fusion::Estimate;
 use crate::fusion::robot::{self, RobotFusion};
 use crate::math::Wrench;
@@ -38,6 +39,8 @@ declare! {
         pub stop: ramp::Config = ramp::Config::default();
         /// Supervisor.
         pub supervisor: supervisor::Config = supervisor::Config::default();
+        /// Control of three and more axles.
+        pub train: train::Config = train::Config::default();
     }
 }
 
@@ -94,8 +97,27 @@ impl Config {
             regulator: self.regulator.build()?,
             path_task: self.course.build(&cascade)?,
             governor: self.governor.build(&cascade, EPOCH_S)?,
+            train: match topology.axle_count() {
+                2 => None,
+                _ => Some(self.train_of(topology, &cascade).build()?),
+            },
             cascade,
         })
+    }
+}
+
+impl Config {
+    /// Parameters of the train with the values that follow from the robot.
+    fn train_of(&self, topology: Topology, cascade: &Cascade) -> train::Config {
+        train::Config {
+            axles: topology.axle_count() as u8,
+            frame_length_m: self.cascade.frame_length_m,
+            rigid_end_m: self.cascade.rigid_end_m,
+            max_curvature_per_m: cascade.max_curvature(),
+            max_speed_m_s: self.governor.max_speed_m_s,
+            half_track_m: self.governor.half_track_m,
+            ..self.train
+        }
     }
 }
 
@@ -109,6 +131,8 @@ pub struct Algorithms {
     pub(super) regulator: Regulator,
     pub(super) path_task: PathTask,
     pub(super) governor: Governor,
+    /// Control of three and more axles; `None` for two.
+    pub(super) train: Option<Train>,
     pub(super) cascade: Cascade,
     pub(super) limits: Limits,
     pub(super) ramp: ramp::Ramp,

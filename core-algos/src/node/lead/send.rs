@@ -20,6 +20,7 @@ impl LeadNode {
         outbox: &mut Outbox,
     ) -> Output {
         self.with.governor.stop(&mut self.state.governor);
+        self.train.forget_curve();
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
             self.restart_governor_if_relaxed(fused);
         }

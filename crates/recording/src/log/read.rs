@@ -8,10 +8,11 @@
 
 use super::intact;
 use crate::entry::{
-    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, HostCommandEntry, LeadBits, Off,
-    Start, TruthEntry,
+    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, Hex, HostCommandEntry, LeadBits,
+    Off, Start, TruthEntry,
 };
 use core_algos::bus::CanFrame;
+use core_algos::control::train;
 use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
@@ -103,7 +104,8 @@ pub struct Run {
 /// Robot in every log of format 3: two axles.
 pub const ROBOT: Topology = Topology::PAIR;
 
-/// First bytes of the parameters, which a log without the number of axles lacks.
+/// First bytes of the parameters, which a log without the number of axles lacks. Such a log also lacks the last table,
+/// that of the train.
 const TWO_AXLES: [u8; 1] = [2];
 /// Last bytes of the lead node's output, which a log without inner axles lacks.
 const NO_INNER_AXLES: [u8; 3] = [0; 3];
@@ -363,7 +365,9 @@ impl<'a> Reader<'a> {
                     self.settle();
                 }
                 let entry: Start = parse(data)?;
-                let config = entry.parameters.value_or_earlier(&TWO_AXLES, &[]);
+                let config = entry
+                    .parameters
+                    .value_or_earlier(&TWO_AXLES, &Hex::of(&train::Config::default()).0);
                 let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
                 let place = place.map(|place| place.ok_or("its initial estimate does not decode"));
                 Event::Start {
