@@ -17,7 +17,7 @@
 //! |---|---|---|
 //! | stop | the last curvature | brakes |
 //! | regulate | the plan ([`planner`]), which moves with the goal | configured; stops at cusp and goal |
-//! | follow | the path, and straight on for half a body beyond its end | configured; stops when the middle is at the end |
+//! | follow | the path, then straight on for half a body | configured; stops when the middle is at the end |
 //! | track | as follow | that of the trajectory at the middle, plus a correction of the distance |
 //! | drive | the commanded curvature | commanded; a change of direction stops first |
 //!
@@ -31,6 +31,7 @@
 //! | condition | result |
 //! |---|---|
 //! | an estimate is not finite | brakes along the curve; standstill without a curve |
+//! | neighbouring axles are estimated too close or too far for their frame, without a curve | standstill |
 //! | an axle lags behind its reference | slows down, and waits at [`Config::wait_m`] |
 //! | the robot does not move | stuck; a regulation gives up at the second time in the same place |
 //! | the curve is too far from its path, or an axle from its reference | lost, brakes |
@@ -79,6 +80,8 @@ const AHEAD: f32 = 3.0;
 const MOST_KNOTS: usize = 8;
 /// Speed above which the robot must move, m/s.
 const MOVING_M_S: f32 = 5e-3;
+/// Largest distance of neighbouring axles over that on a straight, at which a curve is built.
+const LONGEST: f32 = 1.1;
 /// Time without motion after which a robot within the tolerance of the end rests, s.
 const REST_S: f32 = 1.0;
 
@@ -323,7 +326,13 @@ impl Train {
         let own = axles.get(..self.axles).unwrap_or(axles);
         let sound = own.iter().all(Posture::is_finite);
         if state.curve.is_empty() {
-            if !sound {
+            // Estimates that no frame allows are no start.
+            let straight = self.link.straight();
+            let joined = own.windows(2).all(|pair| match pair {
+                [a, b] => (0.5 * straight..=LONGEST * straight).contains(&a.distance(*b)),
+                _ => false,
+            });
+            if !(sound && joined) {
                 return self.conclude(state, own, 0.0, false);
             }
             self.rebuild(state, own);
@@ -331,6 +340,9 @@ impl Train {
         let center = midpoint(own);
         let mut demand = Demand::stop(state.direction);
         let mut off = 0.0;
+        if !matches!(task, Task::Regulate { .. }) && state.regulation.has_goal() {
+            state.regulation = Regulation::NEW;
+        }
         if sound && !state.lost {
             self.enter(state, &mut task);
             demand = self.demand(state, center, &mut task);
@@ -344,7 +356,8 @@ impl Train {
         }
         self.extend(state, &mut task, &mut off);
         let moving = demand.speed > MOVING_M_S && demand.distance > MOVING_M_S;
-        let wanted = demand.speed * self.patience(state, own);
+        // Zero for a wish that is not a number.
+        let wanted = greater(demand.speed * self.patience(state, own), 0.0);
         let wanted = self.by_wheels(state, wanted);
         let driven = self.limits.step(&mut state.motion, wanted, demand.distance);
         state.driven += driven;
@@ -413,6 +426,7 @@ impl Train {
             Task::Track { trajectory, .. } => *trajectory,
             _ => {
                 state.on_route = None;
+                state.resting = false;
                 return;
             }
         };

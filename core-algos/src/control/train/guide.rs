@@ -86,21 +86,21 @@ pub fn extended(route: &dyn Route, s: f32) -> Option<PathSample> {
     })
 }
 
-/// Arc length (m) of the point nearest to `end` in position and heading, from the first point to `window` (m) beyond it.
+/// Arc length (m) of the point nearest to `end` in position and heading, within `window` (m) of the first point.
 pub fn entry(route: &dyn Route, end: Posture, window: f32) -> f32 {
     let first = route.first();
-    let last = first + window;
     let (mut best, mut least) = (first, f32::INFINITY);
-    let mut s = first;
-    while s <= last {
-        if let Some(at) = extended(route, s) {
-            let off = end.relative_to(at.posture);
-            let square = off.x * off.x + off.y * off.y + HEADING_WEIGHT_M2 * off.phi * off.phi;
-            if square < least {
-                (best, least) = (s, square);
-            }
+    // The conversion saturates.
+    for k in 0..=(window / SEARCH_STEP_M) as u8 {
+        let s = first + SEARCH_STEP_M * f32::from(k);
+        let Some(at) = extended(route, s) else {
+            return best;
+        };
+        let off = end.relative_to(at.posture);
+        let square = off.x * off.x + off.y * off.y + HEADING_WEIGHT_M2 * off.phi * off.phi;
+        if square < least {
+            (best, least) = (s, square);
         }
-        s += SEARCH_STEP_M;
     }
     best
 }
@@ -197,4 +197,70 @@ pub fn along(route: &dyn Route, u: &mut f32, end: Posture, pitch: f32) -> Option
         bound: f32::INFINITY,
         slope: next.kappa_slope,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::turn::Piece;
+    use super::*;
+    use crate::control::path::PathPoint;
+
+    /// A path along the x axis from 5 m to 6 m of arc length.
+    fn line() -> PathBuffer<128> {
+        let mut path = PathBuffer::new();
+        for k in 0..=100u8 {
+            let x = 0.01 * f32::from(k);
+            path.push(PathPoint {
+                posture: Posture::new(x, 0.0, 0.0),
+                kappa: 0.0,
+                s: 5.0 + x,
+            })
+            .unwrap();
+        }
+        path
+    }
+
+    #[test]
+    fn route_is_straight_beyond_both_ends() {
+        let path = line();
+        for (s, x) in [(4.5, -0.5), (5.25, 0.25), (6.7, 1.7)] {
+            let at = extended(&path, s).unwrap();
+            assert!((at.posture.x - x).abs() < 1e-5 && at.posture.y.abs() < 1e-6);
+            assert_eq!(at.kappa, 0.0);
+        }
+        assert!(extended(&PathBuffer::<4>::new(), 0.0).is_none());
+    }
+
+    #[test]
+    fn route_is_entered_at_the_nearest_point() {
+        let path = line();
+        for (x, y) in [(0.3, 0.2), (0.0, -0.1), (0.62, 0.0)] {
+            let s = entry(&path, Posture::new(x, y, 0.1), 0.7);
+            assert!((s - 5.0 - x).abs() < 0.011, "{x}: {s}");
+        }
+    }
+
+    /// Steps of the curve that are longer or shorter than those of the leg keep the nearest point.
+    #[test]
+    fn point_of_a_leg_stays_beside_the_end_of_the_curve() {
+        for direction in [Direction::Forward, Direction::Reverse] {
+            let mut leg = Leg {
+                direction,
+                ..Leg::NEW
+            };
+            leg.pieces[0] = Piece {
+                length: 3.0,
+                ..Piece::default()
+            };
+            let (mut on, goal) = (OnLeg::new(leg), Posture::new(0.4, -0.2, 0.7));
+            let start = on.posture(goal);
+            for k in 1..200u8 {
+                let way = direction.sign() * 0.0108 * f32::from(k);
+                let end = start.compose(Posture::new(way, 0.02, 0.0));
+                let desired = on.next(end, goal, 0.01, 6.0);
+                let off = end.relative_to(desired.posture.unwrap());
+                assert!(off.x.abs() < 1e-4 && (off.y - 0.02).abs() < 1e-4, "{off:?}");
+            }
+        }
+    }
 }

@@ -1,13 +1,13 @@
 //! Virtual leader: extends the curve along a desired path, within limits of curvature and of its rate.
 //!
 //! The leader drives ahead of the first axle, knot by knot. The curvature of the next knot is that of the desired path
-//! plus a feedback of the deviation of the end of the curve. On the path the curve is the path. Beside it, because the
-//! robot began there or because an estimate was corrected, the curve returns smoothly and all axles follow in its trace.
+//! plus a feedback of the deviation of the end of the curve. On the path the curve is the path. If the robot began
+//! beside the path, or an estimate was corrected, the curve returns smoothly and all axles follow in its trace.
 //!
 //! The feedback is y'' = −(2/λ) (y' + y/(2λ)) with the deviation y, its derivative along the path y', and the length
-//! constant λ: critically damped. A turn δ that is left to do bounds the feedback by √(δ κ′_max): the curvature can be removed
-//! in time within the limit of its rate. The angle y/(2λ) at which the curve approaches the path is limited, so that a large
-//! deviation does not turn the curve in a circle.
+//! constant λ: critically damped. The remaining turn δ bounds the feedback by √(δ κ′_max), so that the curvature can
+//! be removed in time within the limit of its rate. The angle y/(2λ) at which the curve approaches the path is limited,
+//! so that a large deviation does not turn the curve in a circle.
 //!
 //! # Panic contract
 //!

@@ -7,7 +7,7 @@
 //!
 //! # Theory
 //!
-//! A turn by δ has a chord of the length c(δ) that points along δ/2 ([`super::turn`]). From the posture (p, φ), with the
+//! A turn by δ has a chord of the length c(δ) that points along δ/2 ([`super::turn`]). From the posture (p, φ) to the
 //! target posture (p', φ'), the straight between the turns δ and δ' = φ' − φ − δ + 2πk is the vector
 //!
 //! ```text
@@ -19,7 +19,7 @@
 //!
 //! The search is incremental: [`Planner::step`] evaluates a given number of candidates and returns. A candidate costs
 //! about 250 floating-point operations; 400 of them take below a millisecond on a Cortex-M4F at 168 MHz. A whole search
-//! takes 10 000 to 35 000 candidates.
+//! takes at most 33 000 candidates (120 random starts of three axles): 0.8 s at 400 an epoch.
 //!
 //! # Coordinates
 //!

@@ -82,12 +82,14 @@ pub fn rebuild(
         return places;
     };
     let frames = || axles.windows(2).rev();
+    // So the curve has room for all frames.
+    let bounded = |length: f32| clamp(length, 0.5 * link.straight(), 1.25 * link.straight());
     // Curvatures as functions of the first: κ0 + c at axles, d − κ0 at middles. The mean of c and −d is removed.
     let (mut sum, mut count, mut c) = (0.0, 1.0, 0.0);
     for pair in frames() {
         let &[front, rear] = pair else { continue };
         let [turn, offset, length] = measured(rear, front);
-        let bend = Bend::new(c, turn, offset, length.max(0.5 * link.straight()));
+        let bend = Bend::new(c, turn, offset, bounded(length));
         sum += bend.front - bend.middle;
         count += 2.0;
         c = bend.front;
@@ -111,7 +113,7 @@ pub fn rebuild(
     for (pair, index) in frames().zip((0..axles.len().saturating_sub(1)).rev()) {
         let &[front, _] = pair else { continue };
         let [mut turn, mut offset, length] = measured(at.posture, front);
-        let mut length = length.max(0.5 * link.straight());
+        let mut length = bounded(length);
         let mut bend = Bend::new(rear_kappa, turn, offset, length);
         for _ in 0..CORRECTIONS {
             let mut end = at;
@@ -126,7 +128,7 @@ pub fn rebuild(
             let missing = front.relative_to(end.posture);
             turn += missing.phi;
             offset += missing.y;
-            length = (length + missing.x).max(0.5 * link.straight());
+            length = bounded(length + missing.x);
             bend = Bend::new(rear_kappa, turn, offset, length);
         }
         let until = begin + length;

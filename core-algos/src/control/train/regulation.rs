@@ -1,7 +1,8 @@
 //! Regulation to a goal: plan at rest, drive the legs, compare the posture with the goal, try again.
 //!
-//! Stop → Plan → (Segment → Stop)? → Approach → Hold → Done. A plan is given up for a new one if the curve cannot return
-//! to the plan before the run-out, or if the robot rests off the goal. Done returns to Stop if the robot is pushed away.
+//! Stop → Plan → (Segment → Stop)? → Approach → Hold → Done. A plan is given up for a new one if the curve cannot
+//! return to the plan before the run-out, or if the robot rests off the goal. Done returns to Stop if the robot is
+//! pushed away.
 
 use super::guide::OnLeg;
 use super::planner::{Plan, Progress, Robot, Search};
@@ -53,6 +54,11 @@ impl Regulation {
         stuck_at: None,
         blocked: false,
     };
+
+    /// True once a goal is given.
+    pub(super) fn has_goal(&self) -> bool {
+        self.goal.is_some()
+    }
 
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;

@@ -71,6 +71,9 @@ fn robot_at_its_goal_does_not_move() {
         done = step.done;
     }
     assert!(done);
+    // Another task does not inherit the result.
+    let step = train.step(&mut state, &postures, Order::Stop);
+    assert!(!step.done && step.phase == Phase::Stop);
 }
 
 /// A robot whose axles do not move: the references wait, and the second time in the same place it gives up.
@@ -126,6 +129,23 @@ fn estimate_that_is_not_finite_brakes_along_the_curve() {
         last = step.v;
     }
     assert_eq!(last, 0.0);
+}
+
+#[test]
+fn wish_that_is_not_a_number_stands_and_impossible_axles_build_no_curve() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut far = straight(3);
+    far[2].x = -3.0e9;
+    let task = || Order::Drive {
+        speed_m_s: f32::NAN,
+        curvature: f32::NAN,
+    };
+    assert_eq!(train.step(&mut state, &far, task()).v, 0.0);
+    assert!(state.curve.is_empty());
+    for _ in 0..100 {
+        let step = train.step(&mut state, &straight(3), task());
+        assert!(step.v == 0.0 && step.kappa == 0.0);
+    }
 }
 
 #[test]
