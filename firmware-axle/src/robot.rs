@@ -22,7 +22,7 @@ use core_algos::node::board::Ready;
 use core_algos::node::robot::ConfiguredPlacement;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
@@ -30,7 +30,7 @@ use embassy_stm32::peripherals::PA0;
 use embassy_stm32::{Peri, Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
-use firmware_common::board_id::{REAR, Strap};
+use firmware_common::board_id::Strap;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::link::{self, Link, Route};
@@ -91,8 +91,8 @@ fn start(
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
-    let role = Role::Axle(Strap::read(p.PC13).axle(REAR));
-    let parameters = Parameters::load(p.FLASH, role);
+    let parameters = Parameters::load(p.FLASH, Strap::read(p.PC13).kind());
+    let role = parameters.role;
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
@@ -130,7 +130,7 @@ fn start(
     let motors = Motors::start(parts, &settings.drive)?;
 
     let spawners = executors::start();
-    defmt::info!("{} axle", Topology::PAIR.name(role));
+    defmt::info!("{} axle", settings.robot.topology().name(role));
     // `expect` cannot fail: each task has room for one instance and is spawned once.
     spawners
         .bus

@@ -14,7 +14,10 @@ use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::config::ConfigError;
+use core_algos::node::beam::BeamNode;
+use core_algos::node::robot::RobotConfig;
 use core_algos::node::tick_sync::TickSync;
+use core_algos::params::BoardKind;
 use core_algos::topology::{FrameId, Role};
 use embassy_executor::Spawner;
 use embassy_stm32::adc::AdcChannel;
@@ -34,11 +37,6 @@ use firmware_common::{board, can, executors};
 use bridges::Bridges;
 use tick::{Beam, BeamReport, BeamTick, Saving};
 use watchdog::TaskWatchdog;
-
-/// Frame whose gauges this board reads; a robot of two axles has one frame.
-const FRAME: FrameId = FrameId(0);
-/// Role of the board.
-const ROLE: Role = Role::Beam(FRAME);
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -60,8 +58,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         done: Signal::new(),
     };
 
-    let parameters = Parameters::load(p.FLASH, ROLE);
-    let link = Link::open(p.USART3, p.PB11, p.PB10, ROLE, env!("BUILD"));
+    let parameters = Parameters::load(p.FLASH, BoardKind::Beam);
+    let role = parameters.role;
+    let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
@@ -70,7 +69,8 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         return Ok(());
     }
     let settings = &parameters.settings;
-    let node = tick::node(&settings.robot)?;
+    let node = build(&settings.robot, role)?;
+    defmt::info!("{}", settings.robot.topology().name(role));
     let limits = StandstillLimits::default().build()?;
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
@@ -104,7 +104,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(ROLE, chip, tick_end, TickSync::following(), identity);
+    let common = Common::new(role, chip, tick_end, TickSync::following(), identity);
     let tick = BeamTick::new(Beam {
         bridges,
         config: settings.robot,
@@ -122,4 +122,15 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     spawner.spawn(background.expect("spawned once"));
 
     Ok(())
+}
+
+/// Builds the node. Not inlined, so that its configuration does not stay on the stack.
+#[inline(never)]
+fn build(config: &RobotConfig, role: Role) -> Result<BeamNode, ConfigError> {
+    let frame = match role {
+        Role::Beam(frame) => frame,
+        // A beam board never has the role of an axle.
+        Role::Axle(_) => FrameId(0),
+    };
+    config.build_beam(frame)
 }

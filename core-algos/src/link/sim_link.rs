@@ -34,7 +34,7 @@ use crate::node::Outbox;
 use crate::node::board::{Board, Output, Ready, Samples};
 use crate::node::lead::LeadNode;
 use crate::node::robot::RobotConfig;
-use crate::params::{COUNT, Contents, Disarmed};
+use crate::params::{BoardKind, COUNT, Contents, Disarmed};
 use crate::time::{Micros, TICK};
 use crate::topology::Role;
 use core::fmt::Write;
@@ -177,7 +177,7 @@ impl Session {
             last: None,
             answer: SerialFrame::default(),
             configuration: Configuration::default(),
-            stored: StoredParameters::new(identity.role),
+            stored: StoredParameters::new(BoardKind::of(identity.role)),
             saving: None,
             board: None,
             tick: 0,

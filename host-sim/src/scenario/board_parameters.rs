@@ -221,6 +221,7 @@ fn flatten(board: &str, name: &str, value: &Value, values: &mut Values) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::params::BoardKind;
     use core_algos::topology::Topology;
 
     #[test]
@@ -265,7 +266,7 @@ mod tests {
     fn list_entry_and_single_entry_set_same_parameter_and_last_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
         let mut overlays = Overlays::parse(list, "file").unwrap();
-        let mut settings = Settings::of(Role::beam(0));
+        let mut settings = Settings::of(BoardKind::Beam);
         overlays.apply(Role::beam(0), &mut settings).unwrap();
         assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.5);
         overlays.put(

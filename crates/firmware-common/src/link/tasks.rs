@@ -8,7 +8,7 @@ use core_algos::link::segment::{self, Direction};
 use core_algos::link::{Identity, RunLink, SimLink};
 use core_algos::node::board::{Board, Ready};
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_futures::select::{Either3, select3};
 use embassy_stm32::Peri;
@@ -157,7 +157,8 @@ async fn serve(
     let (mut feeder, mut extension) = watchdog.split();
     let sim_link = sim_link(identity);
     sim_link.load(parameters.contents());
-    defmt::info!("{}: session", Topology::PAIR.name(role));
+    let robot = parameters.settings.robot.topology();
+    defmt::info!("{}: session", robot.name(role));
     let mut buffer = [0; 256];
     let (mut asked, mut reported) = (Instant::now(), Instant::now());
     loop {

@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::params::{Contents, Disarmed, Settings, StoreReport};
+use core_algos::params::{BoardKind, Contents, Disarmed, Settings, StoreReport};
 use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
@@ -76,16 +76,18 @@ pub struct Parameters {
     pub settings: Settings,
     /// State of the store at the start.
     pub report: StoreReport,
+    /// Role of the board, by its kind and its stored place.
+    pub role: Role,
 }
 
 impl Parameters {
-    /// Loads the parameters; call it once. Lost and invalid values are replaced by their defaults. All values are, if
-    /// they make no valid node together. The report and the log show that. The core itself reads the flash, so the call
-    /// does not wait.
-    pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
-        let parameters = Self::unread(flash, role);
+    /// Loads the parameters and finds the role; call it once. Lost and invalid values are replaced by their defaults.
+    /// All values are, the place too, if they make no valid node together. The report and the log show that. The core
+    /// itself reads the flash, so the call does not wait.
+    pub fn load(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
+        let parameters = Self::unread(flash, kind);
         parameters.read();
-        parameters.settle(role);
+        parameters.settle(kind);
         log(&parameters.report);
         parameters
     }
@@ -93,15 +95,16 @@ impl Parameters {
     // `load` calls these steps in turn. They are not inlined, so that each step frees its stack for the next.
 
     #[inline(never)]
-    fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
+    fn unread(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
         static PARAMETERS: StaticCell<Parameters> = StaticCell::new();
         PARAMETERS.init_with(|| {
-            let base = Settings::of(role);
+            let base = Settings::of(kind);
             Self {
                 store: open(flash),
                 base,
                 settings: base,
                 report: StoreReport::default(),
+                role: kind.unplaced(),
             }
         })
     }
@@ -112,10 +115,11 @@ impl Parameters {
     }
 
     #[inline(never)]
-    fn settle(&mut self, role: Role) {
+    fn settle(&mut self, kind: BoardKind) {
         let contents = self.store.contents();
-        let check = |settings: &Settings| settings.check(role);
+        let check = |settings: &Settings| settings.check_role(kind).map(|_| ());
         (self.settings, self.report) = contents.resolve(&self.base, check);
+        self.role = self.settings.role(kind).unwrap_or(kind.unplaced());
     }
 
     /// Saves the settings; true on success. The core itself writes the flash: only interrupts run meanwhile.

@@ -2,7 +2,7 @@
 
 use super::beam::{BridgeParts, zero};
 use core_algos::acquisition::oversampling::FULL_SCALE;
-use core_algos::params::{Button, Disarmed, Settings, TABLE};
+use core_algos::params::{BoardKind, Button, Disarmed, Settings, TABLE};
 use core_algos::topology::Role;
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
@@ -22,7 +22,7 @@ pub fn sectors(
     role: Role,
     (drawn, bridges): &(Drawn, Vec<Vec<BridgeParts>>),
 ) -> Result<Vec<u8>, Error> {
-    let base = Settings::of(role);
+    let base = Settings::of(BoardKind::of(role));
     let mut settings = configured_settings(scenario, role)?;
     if let Role::Beam(frame) = role {
         let (bridges, drawn) = (&bridges[frame.index()], &drawn.frames[frame.index()]);
@@ -40,7 +40,7 @@ pub fn sectors(
 
 /// Settings of a board in a scenario. Settings without a board parameter must keep their default.
 fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
-    let mut configured = Settings::new(scenario.completed_robot());
+    let mut configured = Settings::new(scenario.completed_robot()).placed(role);
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
     configured.button = Button {
         start,
@@ -48,7 +48,7 @@ fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Erro
         ..Button::default()
     };
     scenario.boards.apply(role, &mut configured)?;
-    let mut settings = Settings::of(role);
+    let mut settings = Settings::of(BoardKind::of(role));
     for parameter in TABLE
         .iter()
         .filter(|parameter| !is_calibrated(parameter.name))
