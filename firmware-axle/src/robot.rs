@@ -18,7 +18,7 @@ use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::fusion::estimator::Estimator;
-use core_algos::node::board::Ready;
+use core_algos::node::board::{Board, Ready};
 use core_algos::node::robot::ConfiguredPlacement;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
@@ -38,6 +38,7 @@ use firmware_common::store::chip::Parameters;
 use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors, fault};
+use static_cell::StaticCell;
 
 use encoders::Encoders;
 use inertial::Inertial;
@@ -98,12 +99,13 @@ fn start(
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
         let bus = (route == Route::Bus).then(start);
-        link.start_session(watchdog, parameters, bus, spawner);
+        link.start_session(watchdog, parameters, bus, place(), spawner);
         return Ok(());
     }
+    let parameters: &'static Parameters = parameters;
     let settings = &parameters.settings;
     let built = build(settings, role)?;
-    let nodes = link.place(built.nodes);
+    let nodes = begin(place(), built.nodes);
     let button = button(p.PA0, settings);
 
     // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
@@ -157,6 +159,18 @@ fn start(
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
+}
+
+/// Place of the nodes in static memory, still empty.
+fn place() -> &'static mut Option<Board> {
+    static NODES: StaticCell<Option<Board>> = StaticCell::new();
+    NODES.init_with(|| None)
+}
+
+/// Moves the nodes into `place`. Not inlined, so that the stack holds only the nodes during the move.
+#[inline(never)]
+fn begin(place: &'static mut Option<Board>, nodes: Ready) -> &'static mut Board {
+    place.insert(nodes.begin())
 }
 
 /// Operator's button with the drive that it starts.

@@ -33,6 +33,7 @@ use firmware_common::store::chip::Parameters;
 use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
+use static_cell::StaticCell;
 
 use bridges::Bridges;
 use tick::{Beam, BeamReport, BeamTick, Saving};
@@ -65,7 +66,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
         let bus = (route == Route::Bus).then(start);
-        link.start_session(watchdog, parameters, bus, spawner);
+        link.start_session(watchdog, parameters, bus, session_node(), spawner);
         return Ok(());
     }
     let settings = &parameters.settings;
@@ -115,13 +116,25 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     });
     let tick = TickLoop::new(tick, common, REPORTS.sender());
     spawners.tick.spawn(tick::run(tick).expect("spawned once"));
-    link.start_driving(&settings.robot, bus.service, link_end, spawner);
+    link.start_driving(copy(&settings.robot), bus.service, link_end, spawner);
     spawner.spawn(watchdog::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     let background = background::run(reports, parameters, &SAVING, extension);
     spawner.spawn(background.expect("spawned once"));
 
     Ok(())
+}
+
+/// Place of the node of a session.
+fn session_node() -> &'static mut Option<BeamNode> {
+    static NODE: StaticCell<Option<BeamNode>> = StaticCell::new();
+    NODE.init_with(|| None)
+}
+
+/// Copy of the configuration at the start, because the store changes the parameters.
+fn copy(config: &RobotConfig) -> &'static RobotConfig {
+    static CONFIG: StaticCell<RobotConfig> = StaticCell::new();
+    CONFIG.init_with(|| *config)
 }
 
 /// Builds the node. Not inlined, so that its configuration does not stay on the stack.

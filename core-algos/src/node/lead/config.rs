@@ -117,15 +117,26 @@ pub struct Algorithms {
 }
 
 impl Algorithms {
-    /// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They
-    /// take 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
-    pub const fn begin(&self) -> Micros {
-        LEAD_PHASE + TICK * self.topology.axle_count().saturating_sub(3) as Micros
+    /// Topology of the robot.
+    pub const fn topology(&self) -> Topology {
+        self.topology
     }
+}
 
-    /// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
-    /// [`Self::begin`] on, the last one in the step.
-    pub const fn step_phase(&self) -> Micros {
-        self.begin() + TICK * (self.topology.frame_count() - 1) as Micros
-    }
+/// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They take
+/// 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
+pub const fn begin_phase(robot: Topology) -> Micros {
+    LEAD_PHASE + TICK * robot.axle_count().saturating_sub(3) as Micros
+}
+
+/// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
+/// [`begin_phase`] on, the last one in the step.
+pub const fn step_phase(robot: Topology) -> Micros {
+    begin_phase(robot) + TICK * (robot.frame_count() - 1) as Micros
+}
+
+/// Delay of the tick before the lead node's work after the beginning of an epoch, µs: the tick at which a board
+/// executes orders of a host.
+pub const fn order_phase(robot: Topology) -> Micros {
+    begin_phase(robot) - TICK
 }

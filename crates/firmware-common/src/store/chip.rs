@@ -70,8 +70,7 @@ fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
 /// Parameters of the board and their store in flash.
 pub struct Parameters {
     store: Store<Region>,
-    /// Settings of the board if the store is empty.
-    base: Settings,
+    kind: BoardKind,
     /// Settings that the nodes use.
     pub settings: Settings,
     /// State of the store at the start.
@@ -87,7 +86,7 @@ impl Parameters {
     pub fn load(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
         let parameters = Self::unread(flash, kind);
         parameters.read();
-        parameters.settle(kind);
+        parameters.settle();
         log(&parameters.report);
         parameters
     }
@@ -98,11 +97,10 @@ impl Parameters {
     fn unread(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
         static PARAMETERS: StaticCell<Parameters> = StaticCell::new();
         PARAMETERS.init_with(|| {
-            let base = Settings::of(kind);
             Self {
                 store: open(flash),
-                base,
-                settings: base,
+                kind,
+                settings: Settings::of(kind),
                 report: StoreReport::default(),
                 role: kind.unplaced(),
             }
@@ -115,10 +113,11 @@ impl Parameters {
     }
 
     #[inline(never)]
-    fn settle(&mut self, kind: BoardKind) {
+    fn settle(&mut self) {
+        let kind = self.kind;
         let contents = self.store.contents();
         let check = |settings: &Settings| settings.check_role(kind).map(|_| ());
-        (self.settings, self.report) = contents.resolve(&self.base, check);
+        (self.settings, self.report) = contents.resolve(&Settings::of(kind), check);
         self.role = self.settings.role(kind).unwrap_or(kind.unplaced());
     }
 
@@ -131,7 +130,7 @@ impl Parameters {
     /// Writes settings to the store; returns the number of values written, or `None` on an error.
     #[inline(never)]
     pub(crate) fn write(&mut self, settings: &Settings, off: Disarmed) -> Option<usize> {
-        let saved = block_on(self.store.save(settings, &self.base, off));
+        let saved = block_on(self.store.save(settings, &Settings::of(self.kind), off));
         saved
             .inspect_err(|error| warn!("parameters not saved: {}", defmt::Debug2Format(error)))
             .ok()
