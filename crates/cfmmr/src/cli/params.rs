@@ -177,7 +177,11 @@ fn at_each(
             None => {
                 let build = env!("CARGO_PKG_VERSION");
                 let file = flash_of(&target.flash, name);
-                Box::new(Loopback::keeping(Identity { build, role }, &file)?)
+                Box::new(Loopback::keeping(
+                    ROBOT,
+                    Identity { build, role },
+                    &file,
+                )?)
             }
         };
         let mut remote = Remote::new(ROBOT, role, link);

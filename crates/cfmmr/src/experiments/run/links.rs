@@ -84,7 +84,7 @@ impl<'a> Links<'a> {
                 let flash = self.flash.as_ref().map(|flash| flash_of(flash, name));
                 Some(Box::new(VirtualLink::start(
                     images,
-                    role,
+                    (self.robot, role),
                     log,
                     flash.as_deref(),
                 )?))
