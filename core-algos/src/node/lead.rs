@@ -25,7 +25,7 @@ mod task;
 mod track;
 mod watch;
 
-pub use config::{Algorithms, Config, Limits};
+pub use config::{Algorithms, Config, FUSION_OF_CHAIN, Limits};
 use fuse::Fusing;
 use fused::Fused;
 pub use fused::MAX_INNER;
