@@ -25,7 +25,9 @@ mod task;
 mod track;
 mod watch;
 
-pub use config::{Algorithms, Config, Limits, begin_phase, order_phase, step_phase};
+pub use config::{
+    Algorithms, Config, FUSION_OF_CHAIN, Limits, begin_phase, order_phase, step_phase,
+};
 use fuse::Fusing;
 use fused::Fused;
 pub use fused::MAX_INNER;

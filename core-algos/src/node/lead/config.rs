@@ -1,18 +1,21 @@
 //! Configuration of the lead node.
 
 use crate::bus::layout;
-use crate::config::{ConfigError, declare};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::control::cascade::{self, Cascade};
 use crate::control::governor::{self, Governor};
 use crate::control::regulator::{self, Regulator};
 use crate::fusion::Estimate;
-use crate::fusion::robot::{self, RobotFusion};
+use crate::fusion::robot::{self, Mode, RobotFusion};
 use crate::math::Wrench;
 use crate::node::path_task::{self, PathTask};
 use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
 use crate::time::{EPOCH_S, LEAD_PHASE, Micros, TICK};
 use crate::topology::Topology;
+
+/// Fusions of a robot with more than two axles, in words.
+pub const FUSION_OF_CHAIN: &str = "joint or odometry with more than two axles";
 
 declare! {
     /// Parameters of the lead node.
@@ -77,10 +80,20 @@ impl Limits {
 }
 
 impl Config {
+    /// Refuses a fusion that knows one pair of axles only.
+    fn check_fusion(&self, topology: Topology) -> Result<(), ConfigError> {
+        let mode = self.fusion.mode;
+        let of_pair = matches!(mode, Mode::Intersection | Mode::IntersectionIpec);
+        let allowed = Allowed::Condition(FUSION_OF_CHAIN);
+        let fits = topology.frame_count() == 1 || !of_pair;
+        require(fits, "mode", mode as u8 as f32, allowed).map(drop)
+    }
+
     /// Builds the algorithms of the node; the error names the parameter that is wrong.
     pub fn build(&self, topology: Topology) -> Result<Algorithms, ConfigError> {
         self.check_ranges()?;
         self.limits.check_ranges()?;
+        self.check_fusion(topology)?;
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
             topology,
