@@ -18,11 +18,11 @@ use core_algos::control::controller::KinematicController;
 use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::fusion::estimator::Estimator;
-use core_algos::node::board::Ready;
+use core_algos::node::board::{Board, Ready};
 use core_algos::node::robot::ConfiguredPlacement;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
@@ -30,7 +30,7 @@ use embassy_stm32::peripherals::PA0;
 use embassy_stm32::{Peri, Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
-use firmware_common::board_id::{REAR, Strap};
+use firmware_common::board_id::Strap;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::link::{self, Link, Route};
@@ -38,6 +38,7 @@ use firmware_common::store::chip::Parameters;
 use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors, fault};
+use static_cell::StaticCell;
 
 use encoders::Encoders;
 use inertial::Inertial;
@@ -91,19 +92,20 @@ fn start(
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
-    let role = Role::Axle(Strap::read(p.PC13).axle(REAR));
-    let parameters = Parameters::load(p.FLASH, role);
+    let parameters = Parameters::load(p.FLASH, Strap::read(p.PC13).kind());
+    let role = parameters.role;
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
         let bus = (route == Route::Bus).then(start);
-        link.start_session(watchdog, parameters, bus, spawner);
+        link.start_session(watchdog, parameters, bus, place(), spawner);
         return Ok(());
     }
+    let parameters: &'static Parameters = parameters;
     let settings = &parameters.settings;
     let built = build(settings, role)?;
-    let nodes = link.place(built.nodes);
+    let nodes = begin(place(), built.nodes);
     let button = button(p.PA0, settings);
 
     // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
@@ -130,7 +132,7 @@ fn start(
     let motors = Motors::start(parts, &settings.drive)?;
 
     let spawners = executors::start();
-    defmt::info!("{} axle", Topology::PAIR.name(role));
+    defmt::info!("{} axle", settings.robot.topology().name(role));
     // `expect` cannot fail: each task has room for one instance and is spawned once.
     spawners
         .bus
@@ -157,6 +159,18 @@ fn start(
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
+}
+
+/// Place of the nodes in static memory, still empty.
+fn place() -> &'static mut Option<Board> {
+    static NODES: StaticCell<Option<Board>> = StaticCell::new();
+    NODES.init_with(|| None)
+}
+
+/// Builds the nodes in `place`. Not inlined, so that the stack of the caller does not hold their parts.
+#[inline(never)]
+fn begin(place: &'static mut Option<Board>, nodes: Ready) -> &'static mut Board {
+    nodes.begin_in(place)
 }
 
 /// Operator's button with the drive that it starts.

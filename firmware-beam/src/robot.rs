@@ -14,7 +14,10 @@ use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::config::ConfigError;
+use core_algos::node::beam::BeamNode;
+use core_algos::node::robot::RobotConfig;
 use core_algos::node::tick_sync::TickSync;
+use core_algos::params::BoardKind;
 use core_algos::topology::{FrameId, Role};
 use embassy_executor::Spawner;
 use embassy_stm32::adc::AdcChannel;
@@ -30,15 +33,11 @@ use firmware_common::store::chip::Parameters;
 use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
+use static_cell::StaticCell;
 
 use bridges::Bridges;
 use tick::{Beam, BeamReport, BeamTick, Saving};
 use watchdog::TaskWatchdog;
-
-/// Frame whose gauges this board reads; a robot of two axles has one frame.
-const FRAME: FrameId = FrameId(0);
-/// Role of the board.
-const ROLE: Role = Role::Beam(FRAME);
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -60,17 +59,19 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         done: Signal::new(),
     };
 
-    let parameters = Parameters::load(p.FLASH, ROLE);
-    let link = Link::open(p.USART3, p.PB11, p.PB10, ROLE, env!("BUILD"));
+    let parameters = Parameters::load(p.FLASH, BoardKind::Beam);
+    let role = parameters.role;
+    let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
         let bus = (route == Route::Bus).then(start);
-        link.start_session(watchdog, parameters, bus, spawner);
+        link.start_session(watchdog, parameters, bus, session_node(), spawner);
         return Ok(());
     }
     let settings = &parameters.settings;
-    let node = tick::node(&settings.robot)?;
+    let node = build(&settings.robot, role)?;
+    defmt::info!("{}", settings.robot.topology().name(role));
     let limits = StandstillLimits::default().build()?;
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
@@ -104,7 +105,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(ROLE, chip, tick_end, TickSync::following(), identity);
+    let common = Common::new(role, chip, tick_end, TickSync::following(), identity);
     let tick = BeamTick::new(Beam {
         bridges,
         config: settings.robot,
@@ -115,11 +116,34 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     });
     let tick = TickLoop::new(tick, common, REPORTS.sender());
     spawners.tick.spawn(tick::run(tick).expect("spawned once"));
-    link.start_driving(&settings.robot, bus.service, link_end, spawner);
+    link.start_driving(copy(&settings.robot), bus.service, link_end, spawner);
     spawner.spawn(watchdog::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     let background = background::run(reports, parameters, &SAVING, extension);
     spawner.spawn(background.expect("spawned once"));
 
     Ok(())
+}
+
+/// Place of the node of a session.
+fn session_node() -> &'static mut Option<BeamNode> {
+    static NODE: StaticCell<Option<BeamNode>> = StaticCell::new();
+    NODE.init_with(|| None)
+}
+
+/// Copy of the configuration at the start, because the store changes the parameters.
+fn copy(config: &RobotConfig) -> &'static RobotConfig {
+    static CONFIG: StaticCell<RobotConfig> = StaticCell::new();
+    CONFIG.init_with(|| *config)
+}
+
+/// Builds the node. Not inlined, so that its configuration does not stay on the stack.
+#[inline(never)]
+fn build(config: &RobotConfig, role: Role) -> Result<BeamNode, ConfigError> {
+    let frame = match role {
+        Role::Beam(frame) => frame,
+        // A beam board never has the role of an axle.
+        Role::Axle(_) => FrameId(0),
+    };
+    config.build_beam(frame)
 }

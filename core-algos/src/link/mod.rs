@@ -11,7 +11,7 @@
 //! [`framing`] delimits and checks frames in a byte stream; [`protocol`] defines requests and replies; [`sim_link`] and
 //! [`run_link`] are the board's side, without I/O; [`stored_parameters`] are the parameters in the board's store,
 //! which a host reads, sets and saves; [`segment`] carries frames over the bus, so that one serial port reaches every
-//! board; [`record`] encodes inputs and outputs of a driving board's nodes.
+//! board; [`session_nodes`] holds the nodes of a session; [`record`] encodes inputs and outputs of a driving board's nodes.
 //!
 //! # Order and loss
 //!
@@ -32,6 +32,7 @@ pub mod protocol;
 pub mod record;
 pub mod run_link;
 pub mod segment;
+pub mod session_nodes;
 pub mod sim_link;
 pub mod stored_parameters;
 
@@ -41,5 +42,6 @@ mod tests;
 pub use lease::{Lease, Stamp};
 pub use order::Order;
 pub use run_link::{Demand, MotorState, RunLink};
+pub use session_nodes::SessionNodes;
 pub use sim_link::{Identity, SimLink};
 pub use stored_parameters::Save;

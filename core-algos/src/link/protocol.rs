@@ -14,23 +14,25 @@ use crate::node::lead::{self, LeadNode};
 use crate::node::outbox;
 use crate::node::{axle, beam};
 use crate::params::Source;
-use crate::time::{Micros, TICK};
+use crate::time::{EPOCH, Micros, TICK};
 use crate::topology::{Role, Wheels};
 use serde::{Deserialize, Serialize};
 
 /// Protocol version; changes with every change of a request, a reply or the configuration.
-pub const PROTOCOL: u16 = 13;
+pub const PROTOCOL: u16 = 14;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
 pub const CONFIG_CHUNK: usize = 200;
 /// Bytes of the lead node's output in one reply. An output is spread over the replies of several ticks, so that replies
-/// have similar lengths.
+/// have similar lengths. Of a robot with many axles the lead node's step is late in the epoch, and the parts are longer.
 pub const TELEMETRY_CHUNK: usize = 40;
 /// Largest encoded output of the lead node, bytes; sent completely before the epoch ends.
 pub const MAX_TELEMETRY: usize = 7 * TELEMETRY_CHUNK;
-/// Largest number of bus frames in a request.
+/// Largest number of bus frames in a request. More frames of a tick are sent ahead by [`Request::Frames`].
 pub const MAX_BUS_FRAMES: usize = 21;
+/// Bytes of the longest reply to a tick without its bus frames and its part of the lead node's output.
+pub const TICK_REPLY_HEAD: usize = 16;
 /// Largest number of bus frames in a reply: the capacity of the outbox.
 pub const MAX_SENT_FRAMES: usize = outbox::CAPACITY;
 
@@ -143,6 +145,13 @@ pub enum Request<'a> {
     /// Restarts the nodes of a driving board, so that its reports hold all inputs of a replay, see [`super::record`].
     /// The motors must be off. The front board requires the lease.
     Record(Stamp),
+    /// Bus frames of the next tick of an axle board that its request does not hold; they precede those of the request.
+    Frames {
+        /// Time of the next tick, ms.
+        tick: u32,
+        /// Bus frames that arrived, see [`Packed`].
+        bus: &'a [u8],
+    },
 }
 
 /// Reply of the board to the host.
@@ -394,6 +403,13 @@ impl Spread {
         let part = self.bytes.get(self.sent..end).unwrap_or_default();
         self.sent = end;
         part
+    }
+
+    /// Number of bytes of a part that are sent at `now`, so that the rest of the output is sent before the epoch ends:
+    /// [`TELEMETRY_CHUNK`] if that suffices.
+    pub fn chunk(&self, now: Micros) -> usize {
+        let ticks = (EPOCH - now % EPOCH) / TICK;
+        TELEMETRY_CHUNK.max(self.left().div_ceil(ticks as usize))
     }
 
     /// Number of bytes of the encoded output that were sent.

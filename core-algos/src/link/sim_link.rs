@@ -13,6 +13,7 @@
 //! | part of the configuration | appended; offset 0 starts over | offset not at the end of the previous parts, total differs, or part exceeds the total: part | hello | |
 //! | start | nodes replaced, lead node at the given posture | configuration incomplete or checksum differs: hash; not decodable: undecodable; out of range: parameter | hello, or a start, even if refused | |
 //! | tick | nodes run once, the next tick is expected | samples of another board, not started, another tick | | the board's time is the time in the request |
+//! | frames of a tick | received by the nodes before those of the tick's request; counted as refused in its reply if not decoded | beam board: other board; not started, another tick | | more frames than a request holds |
 //! | resume | the given tick is expected next | not started; tick already carried out: tick | | time has passed without the board |
 //! | order | applied to the lead node | not started; no lead node: other board; the lead node's reason | | |
 //! | parameter set | kept until reset | motors may be on; index unknown; out of range | reset | |
@@ -22,19 +23,20 @@
 //! | rig | done | never | | the session is open |
 //! | other requests for a driving board | none | always: malformed | | the rig simulates the bus and is the only host |
 
-use super::framing::{Counters, Decoder, SerialFrame, crc32c};
+use super::framing::{Counters, Decoder, MAX_PAYLOAD, SerialFrame, crc32c};
 use super::protocol::{
     self, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply, Request, Spread, StackUse,
-    TELEMETRY_CHUNK, Telemetry,
+    TICK_REPLY_HEAD, Telemetry,
 };
+use super::session_nodes::SessionNodes;
 use super::stored_parameters::{Save, StoreError, StoredParameters};
 use crate::bus;
 use crate::config::ConfigError;
 use crate::node::Outbox;
-use crate::node::board::{Board, Output, Ready, Samples};
+use crate::node::board::{Board, Output, Samples};
 use crate::node::lead::LeadNode;
 use crate::node::robot::RobotConfig;
-use crate::params::{COUNT, Contents, Disarmed};
+use crate::params::{BoardKind, COUNT, Contents, Disarmed};
 use crate::time::{Micros, TICK};
 use crate::topology::Role;
 use core::fmt::Write;
@@ -57,20 +59,32 @@ impl Identity {
     }
 }
 
-/// Board's side of the link in a session.
+/// Board's side of the link in a session, with the nodes in a place of type `N`.
 #[derive(Clone, Debug)]
-pub struct SimLink {
+pub struct SimLink<N = Option<Board>> {
     decoder: Decoder,
-    session: Session,
+    session: Session<N>,
 }
 
 impl SimLink {
     /// Board after a start, without configuration and with an empty store; `stack` measures stack use.
-    #[inline]
     pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
+        Self::with_nodes(identity, stack, None)
+    }
+
+    /// The nodes, once they have been started.
+    pub fn board(&self) -> Option<&Board> {
+        self.session.nodes.as_ref()
+    }
+}
+
+impl<N: SessionNodes> SimLink<N> {
+    /// As [`SimLink::new`], with an empty place for the nodes.
+    #[inline]
+    pub fn with_nodes(identity: Identity, stack: fn() -> StackUse, nodes: N) -> Self {
         Self {
             decoder: Decoder::new(),
-            session: Session::new(identity, stack),
+            session: Session::new(identity, stack, nodes),
         }
     }
 
@@ -119,20 +133,10 @@ impl SimLink {
     pub fn has_ended(&self) -> bool {
         self.session.ended
     }
-
-    /// Starts nodes that the caller built.
-    pub fn begin(&mut self, nodes: Ready) -> &mut Board {
-        begin(&mut self.session.board, nodes)
-    }
-
-    /// The nodes, once they have been started.
-    pub fn board(&self) -> Option<&Board> {
-        self.session.board.as_ref()
-    }
 }
 
 #[derive(Clone, Debug)]
-struct Session {
+struct Session<N> {
     identity: Identity,
     stack: fn() -> StackUse,
     /// True after a hello of this protocol version.
@@ -145,16 +149,12 @@ struct Session {
     configuration: Configuration,
     stored: StoredParameters,
     saving: Option<Saving>,
-    board: Option<Board>,
+    nodes: N,
     tick: u32,
+    /// Bus frames of the next tick that could not be decoded.
+    refused: u8,
     outbox: Outbox,
     telemetry: Spread,
-}
-
-/// Moves the nodes into `place`. Not inlined, so that the stack holds only the nodes during the move.
-#[inline(never)]
-fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
-    nodes.begin_in(place)
 }
 
 /// A request to save that is not answered yet.
@@ -166,9 +166,9 @@ struct Saving {
     off: Option<Disarmed>,
 }
 
-impl Session {
+impl<N: SessionNodes> Session<N> {
     #[inline]
-    fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
+    fn new(identity: Identity, stack: fn() -> StackUse, nodes: N) -> Self {
         Self {
             identity,
             stack,
@@ -177,10 +177,11 @@ impl Session {
             last: None,
             answer: SerialFrame::default(),
             configuration: Configuration::default(),
-            stored: StoredParameters::new(identity.role),
+            stored: StoredParameters::new(BoardKind::of(identity.role)),
             saving: None,
-            board: None,
+            nodes,
             tick: 0,
+            refused: 0,
             outbox: Outbox::new(),
             telemetry: Spread::default(),
         }
@@ -197,7 +198,7 @@ impl Session {
         if let Some(Request::Hello { protocol, nonce }) = request {
             (self.open, self.ended) = (protocol == PROTOCOL, false);
             self.configuration = Configuration::default();
-            self.board = None;
+            self.nodes.discard();
             let reply = Reply::Hello {
                 protocol: PROTOCOL,
                 nonce,
@@ -225,7 +226,7 @@ impl Session {
 
     fn execute(&mut self, number: u8, request: Option<Request>, send: &mut impl FnMut(&[u8])) {
         if let (Some(Request::SaveParameters), true) = (request, self.open)
-            && let Some(off) = Disarmed::of(self.board.as_ref())
+            && let Some(off) = self.nodes.disarmed()
             && self.stored.check().is_ok()
         {
             let off = Some(off);
@@ -302,9 +303,14 @@ impl Session {
                         active: output.active,
                         refused,
                         bus: bus.bytes(),
-                        telemetry: self.telemetry.next(TELEMETRY_CHUNK),
+                        telemetry: {
+                            let room = MAX_PAYLOAD - TICK_REPLY_HEAD - bus.bytes().len();
+                            let chunk = self.telemetry.chunk(Micros::from(tick) * TICK);
+                            self.telemetry.next(chunk.min(room))
+                        },
                     })
             }
+            Request::Frames { tick, bus } => self.receive_ahead(tick, bus),
             Request::Beam { tick, samples } => self
                 .tick(tick, &Samples::Beam(samples), &[], bus)
                 .map(|(_, refused)| Reply::Beam {
@@ -316,7 +322,7 @@ impl Session {
             Request::Parameters => Ok(self.stored.summary()),
             Request::Parameter { index } => self.stored.get(index),
             Request::SetParameter { index, value } => {
-                let off = Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
+                let off = self.nodes.disarmed().ok_or(Refusal::Armed)?;
                 match self.stored.set(index, value, off) {
                     Ok(()) => Ok(Reply::Done),
                     Err(error) => Err(not_kept(error, text)),
@@ -324,7 +330,7 @@ impl Session {
             }
             // `execute` starts a save that passes both checks; only a refusal gets here.
             Request::SaveParameters => {
-                Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
+                self.nodes.disarmed().ok_or(Refusal::Armed)?;
                 Err(match self.stored.check() {
                     Ok(()) => Refusal::NotSaved,
                     Err(error) => not_kept(error, text),
@@ -340,15 +346,15 @@ impl Session {
         place: Option<Placement>,
         text: &'a mut Text,
     ) -> Result<Reply<'a>, Refusal<'a>> {
-        self.board = None;
+        self.nodes.discard();
         self.telemetry = Spread::default();
         let bytes = self.configuration.complete(hash)?;
         let config: RobotConfig = postcard::from_bytes(bytes).map_err(|_| Refusal::Undecodable)?;
-        match Ready::new(&config, self.identity.role) {
-            Ok(nodes) => begin(&mut self.board, nodes),
-            Err(error) => return Err(out_of_range(&error, text)),
-        };
+        if let Err(error) = self.nodes.start(&config, self.identity.role) {
+            return Err(out_of_range(&error, text));
+        }
         self.tick = tick;
+        self.refused = 0;
         if let (Some(place), Ok(lead)) = (place, self.lead()) {
             lead.initialize(&place);
         }
@@ -362,9 +368,7 @@ impl Session {
 
     /// Skips the ticks before `tick`.
     fn resume<'a>(&mut self, tick: u32) -> Result<Reply<'a>, Refusal<'a>> {
-        if self.board.is_none() {
-            return Err(Refusal::NotStarted);
-        }
+        self.started()?;
         if tick < self.tick {
             return Err(Refusal::Tick {
                 expected: self.tick,
@@ -375,9 +379,49 @@ impl Session {
     }
 
     fn lead<'a>(&mut self) -> Result<&mut LeadNode, Refusal<'a>> {
+        self.started()?;
         let role = self.identity.role;
-        let board = self.board.as_mut().ok_or(Refusal::NotStarted)?;
-        board.lead().ok_or(Refusal::OtherBoard { role })
+        self.nodes.lead().ok_or(Refusal::OtherBoard { role })
+    }
+
+    fn started<'a>(&self) -> Result<(), Refusal<'a>> {
+        match self.nodes.are_started() {
+            true => Ok(()),
+            false => Err(Refusal::NotStarted),
+        }
+    }
+
+    /// Takes frames that precede those of the request of the next tick.
+    fn receive_ahead<'a>(&mut self, tick: u32, received: &[u8]) -> Result<Reply<'a>, Refusal<'a>> {
+        self.receive(false, tick, received)?;
+        Ok(Reply::Done)
+    }
+
+    /// Takes frames that arrived before the next tick of an axle board or a beam board.
+    fn receive<'a>(
+        &mut self,
+        is_beam: bool,
+        tick: u32,
+        received: &[u8],
+    ) -> Result<(), Refusal<'a>> {
+        let role = self.identity.role;
+        if is_beam != role.is_beam() {
+            return Err(Refusal::OtherBoard { role });
+        }
+        self.started()?;
+        if tick != self.tick {
+            return Err(Refusal::Tick {
+                expected: self.tick,
+            });
+        }
+        let now = Micros::from(tick) * TICK;
+        for frame in protocol::unpack(received) {
+            match bus::decode(&frame) {
+                Ok(message) => self.nodes.receive(now, &message),
+                Err(_) => self.refused = self.refused.saturating_add(1),
+            }
+        }
+        Ok(())
     }
 
     /// Runs one tick and appends sent frames to `sent`; returns the output and the number of refused frames.
@@ -388,35 +432,20 @@ impl Session {
         received: &[u8],
         sent: &mut Packed,
     ) -> Result<(Output, u8), Refusal<'a>> {
-        let role = self.identity.role;
-        if matches!(samples, Samples::Beam(_)) != role.is_beam() {
-            return Err(Refusal::OtherBoard { role });
-        }
-        let board = self.board.as_mut().ok_or(Refusal::NotStarted)?;
-        if tick != self.tick {
-            return Err(Refusal::Tick {
-                expected: self.tick,
-            });
-        }
+        self.receive(matches!(samples, Samples::Beam(_)), tick, received)?;
         self.tick = self.tick.wrapping_add(1);
         let now = Micros::from(tick) * TICK;
-        let mut refused = 0u8;
+        let mut refused = core::mem::take(&mut self.refused);
         let mut refuse = || refused = refused.saturating_add(1);
-        for frame in protocol::unpack(received) {
-            match bus::decode(&frame) {
-                Ok(message) => board.receive(now, &message),
-                Err(_) => refuse(),
-            }
-        }
         self.outbox.clear();
-        let output = board.step(now, samples, &mut self.outbox);
+        let output = self.nodes.step(now, samples, &mut self.outbox);
         for message in self.outbox.iter() {
             match bus::encode(message) {
                 Ok(frame) if sent.push(&frame) => {}
                 _ => refuse(),
             }
         }
-        if let (Some(output), Some(lead)) = (output.lead, board.lead()) {
+        if let (Some(output), Some(lead)) = (output.lead, self.nodes.lead()) {
             self.telemetry.fill(&Telemetry::of(now, output, lead));
         }
         Ok((output, refused))

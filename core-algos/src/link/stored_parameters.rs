@@ -7,15 +7,15 @@
 //! |---|---|---|---|
 //! | start of a board | values of the store, by [`Contents::resolve`]; all defaults if no node can be built with them | source by the store; saved | |
 //! | value set | the value, if in range; unchanged otherwise | source unchanged; saved if the bits equal those after a reset | |
+//! | place set | the value; the role of the board changes with the next reset | as of any value | |
 //! | parameters saved | unchanged | source by the store; saved if the store holds the value | the store is read back |
 //! | no such index | refused: index | | |
 
 use super::protocol::{Refusal, Reply};
 use crate::config::ConfigError;
 use crate::params::{
-    COUNT, Contents, Disarmed, Parameter, Settings, StoreReport, TABLE, fingerprint,
+    BoardKind, COUNT, Contents, Disarmed, Parameter, Settings, StoreReport, TABLE, fingerprint,
 };
-use crate::topology::Role;
 
 /// Contents to write to a store.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,7 +40,7 @@ pub enum StoreError {
 /// Parameters of one board: present values, and the values in its store.
 #[derive(Clone, Debug)]
 pub struct StoredParameters {
-    role: Role,
+    kind: BoardKind,
     /// Values that the parameters would have after a reset.
     stored: Settings,
     report: StoreReport,
@@ -49,11 +49,11 @@ pub struct StoredParameters {
 
 impl StoredParameters {
     /// Parameters of a board with an empty store.
-    pub fn new(role: Role) -> Self {
-        let base = Settings::of(role);
+    pub fn new(kind: BoardKind) -> Self {
+        let base = Settings::of(kind);
         let (stored, report) = Contents::EMPTY.resolve(&base, |_| Ok(()));
         Self {
-            role,
+            kind,
             stored,
             report,
             settings: stored,
@@ -69,13 +69,14 @@ impl StoredParameters {
     /// Updates source and "saved" from the contents read back after a write.
     #[inline(never)]
     pub fn saved(&mut self, contents: &Contents) {
-        let base = Settings::of(self.role);
-        (self.stored, self.report) = contents.resolve(&base, |settings| settings.check(self.role));
+        let base = Settings::of(self.kind);
+        let check = |settings: &Settings| settings.check_role(self.kind).map(|_| ());
+        (self.stored, self.report) = contents.resolve(&base, check);
     }
 
-    /// Role of the board.
-    pub fn role(&self) -> Role {
-        self.role
+    /// Kind of the board.
+    pub fn kind(&self) -> BoardKind {
+        self.kind
     }
 
     /// Current values.
@@ -112,15 +113,15 @@ impl StoredParameters {
 
     /// Checks that the nodes can be built from the combination of values.
     pub fn check(&self) -> Result<(), StoreError> {
-        let checked = self.settings.check(self.role);
-        checked.map_err(StoreError::Value)
+        let checked = self.settings.check_role(self.kind);
+        checked.map(|_| ()).map_err(StoreError::Value)
     }
 
     /// Contents to write; requires a successful [`Self::check`].
     pub fn save(&self, off: Disarmed) -> Save {
         Save {
             settings: self.settings,
-            base: Settings::of(self.role),
+            base: Settings::of(self.kind),
             off,
         }
     }

@@ -26,7 +26,9 @@ mod task;
 mod track;
 mod watch;
 
-pub use config::{Algorithms, Config, Limits};
+pub use config::{
+    Algorithms, Config, FUSION_OF_CHAIN, Limits, begin_phase, order_phase, step_phase,
+};
 use fuse::Fusing;
 use fused::Fused;
 pub use fused::MAX_INNER;
@@ -48,7 +50,7 @@ use crate::math::{Posture, Transform, Twist};
 use crate::safety::supervisor;
 use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
-use crate::topology::{MAX_AXLES, MAX_FRAMES, Node};
+use crate::topology::{MAX_AXLES, MAX_FRAMES, Node, Topology};
 
 /// Age above which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
@@ -276,7 +278,12 @@ impl LeadNode {
 
     /// Phases in an epoch, µs: from the first fusion of a pair ([`Self::fuse_ahead`]) to the step.
     pub fn phases(&self) -> core::ops::RangeInclusive<Micros> {
-        self.with.begin()..=self.with.step_phase()
+        begin_phase(self.with.topology)..=step_phase(self.with.topology)
+    }
+
+    /// Topology of the robot.
+    pub fn topology(&self) -> Topology {
+        self.with.topology()
     }
 
     /// State of the fusion of the first two axles and their beam; `None` before the start.

@@ -1,10 +1,13 @@
 //! Messages a node wants to send, in order.
 
 use crate::bus::Message;
+use crate::topology::MAX_AXLES;
 use heapless::Vec;
 
-/// Largest number of messages that an outbox holds; further messages are dropped.
-pub const CAPACITY: usize = 8;
+/// Largest number of messages that an outbox holds; further messages are dropped. The front board sends most at the
+/// lead node's step: heartbeat and status of the lead node, two messages of a reference for each axle, and the
+/// heartbeat of its own axle node if its state changes.
+pub const CAPACITY: usize = 3 + 2 * MAX_AXLES;
 
 /// A short list of messages; messages that do not fit are dropped.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -45,10 +48,10 @@ mod tests {
     fn keeps_order_and_drops_what_does_not_fit() {
         let mut outbox = Outbox::new();
         let status = |epoch: u64| lead_status(epoch * EPOCH, LeadMode::Idle, 0.0);
-        for epoch in 0..10 {
+        for epoch in 0..15 {
             outbox.push(status(epoch));
         }
-        assert!(outbox.iter().copied().eq((0..8).map(status)));
+        assert!(outbox.iter().copied().eq((0..13).map(status)));
         outbox.clear();
         assert_eq!(outbox.iter().count(), 0);
     }

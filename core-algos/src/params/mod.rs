@@ -64,8 +64,39 @@ declare! {
     /// Place of a board in the robot.
     pub struct Place {
         /// Number of the board's axle or frame from the front, beginning with 0. An axle board with an open strap is
-        /// the front axle, whatever this value is.
+        /// the front axle, whatever this value is; with the strap at ground, 0 is refused.
         pub place: u32 = 0, "": Range(0.0, 4.0);
+    }
+}
+
+/// Kind of a board, fixed by its image and its strap. The kind and the stored place give the role.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoardKind {
+    /// Axle board with an open strap: the front axle.
+    FrontAxle,
+    /// Axle board with its strap at ground: the axle at the stored place.
+    PlacedAxle,
+    /// Beam board: the frame at the stored place.
+    Beam,
+}
+
+impl BoardKind {
+    /// Kind of the board with this role.
+    pub const fn of(role: Role) -> Self {
+        match role {
+            Role::Axle(AxleId(0)) => Self::FrontAxle,
+            Role::Axle(_) => Self::PlacedAxle,
+            Role::Beam(_) => Self::Beam,
+        }
+    }
+
+    /// Role of a board with an empty store: one of the roles of a robot of two axles.
+    pub const fn unplaced(self) -> Role {
+        match self {
+            Self::FrontAxle => Role::LEAD,
+            Self::PlacedAxle => Role::axle(1),
+            Self::Beam => Role::beam(0),
+        }
     }
 }
 
@@ -142,9 +173,9 @@ impl Settings {
     }
 
     /// Settings of a board with an empty store. The beam board's converter gives sums of [`SCANS`] conversions.
-    pub fn of(role: Role) -> Self {
+    pub fn of(kind: BoardKind) -> Self {
         let mut robot = RobotConfig::default();
-        if role.is_beam() {
+        if kind == BoardKind::Beam {
             let calibration = &mut robot.beam.calibration;
             calibration.full_scale_counts = FULL_SCALE;
             calibration.rail_margin_counts *= SCANS as i32;
@@ -156,6 +187,12 @@ impl Settings {
                 .and_then(PerGauge::new)
                 .unwrap_or(*zeros);
         }
+        let settings = Self::new(robot);
+        settings.placed(kind.unplaced())
+    }
+
+    /// These settings with the place of a role.
+    pub fn placed(self, role: Role) -> Self {
         let place = match role {
             Role::Axle(axle) => axle.0,
             Role::Beam(frame) => frame.0,
@@ -164,21 +201,46 @@ impl Settings {
             board: Place {
                 place: place.into(),
             },
-            ..Self::new(robot)
+            ..self
         }
+    }
+
+    /// Role of a board of this kind at its place; the error names the place.
+    pub fn role(&self, kind: BoardKind) -> Result<Role, ConfigError> {
+        let place = u8::try_from(self.board.place).unwrap_or(u8::MAX);
+        let role = match kind {
+            BoardKind::FrontAxle => Role::LEAD,
+            BoardKind::PlacedAxle => Role::axle(place),
+            BoardKind::Beam => Role::beam(place),
+        };
+        let allowed = BoardKind::of(role) == kind && self.robot.topology().has(role);
+        self.require_place(allowed)?;
+        Ok(role)
+    }
+
+    /// [`Self::role`], if the nodes of the board can be built from the settings; the error names the field.
+    pub fn check_role(&self, kind: BoardKind) -> Result<Role, ConfigError> {
+        let role = self.role(kind)?;
+        self.check(role).map(|()| role)
+    }
+
+    fn require_place(&self, allowed: bool) -> Result<(), ConfigError> {
+        require(
+            allowed,
+            "board.place",
+            self.board.place as f32,
+            Allowed::Condition(
+                "a place of the robot: 1 to robot.geometry.axles - 1 with the strap at ground, 0 to \
+                 robot.geometry.axles - 2 of a beam board",
+            ),
+        )
+        .map(|_| ())
     }
 
     /// Checks that the nodes of a board can be built from the settings; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         self.inertial.check_ranges()?;
-        require(
-            self.robot.topology().has(role),
-            "board.place",
-            self.board.place as f32,
-            Allowed::Condition(
-                "a place of the robot: less than robot.geometry.axles, of a beam board one less",
-            ),
-        )?;
+        self.require_place(self.robot.topology().has(role))?;
         if !role.is_beam() {
             self.drive.check()?;
         }
@@ -250,8 +312,8 @@ mod tests {
     /// A sum of conversions gives the same strain and the same margin to the rails as a single conversion.
     #[test]
     fn beam_board_scales_its_calibration_to_sums_of_conversions() {
-        assert_eq!(Settings::of(Role::LEAD), Settings::default());
-        let [one, sum] = [Settings::default(), Settings::of(Role::beam(0))]
+        assert_eq!(Settings::of(BoardKind::FrontAxle), Settings::default());
+        let [one, sum] = [Settings::default(), Settings::of(BoardKind::Beam)]
             .map(|settings| settings.robot.beam.calibration);
         let many = SCANS as i32;
         assert_eq!(sum.full_scale_counts, many * one.full_scale_counts);
@@ -262,6 +324,37 @@ mod tests {
             let of_sum = sum.strain_per_count * (1000.0 * SCANS as f32 - zero_of_sum);
             assert!((of_sum / strain - 1.0).abs() < 1e-5, "{of_sum} {strain}");
         }
+    }
+
+    /// The allowed places are listed by hand: an axle board at ground has place 1 to N − 1, a beam board 0 to N − 2.
+    #[test]
+    fn stored_place_gives_the_role_within_the_robot() {
+        for axles in 2..=5u8 {
+            for place in 0..=5u8 {
+                let mut settings = Settings::default();
+                settings.robot.geometry.axles = axles.into();
+                settings.board.place = place.into();
+                let role = |kind| settings.role(kind).map_err(|error| error.field);
+                assert_eq!(role(BoardKind::FrontAxle), Ok(Role::LEAD));
+                let axle = match place {
+                    1.. if place < axles => Ok(Role::axle(place)),
+                    _ => Err("board.place"),
+                };
+                assert_eq!(role(BoardKind::PlacedAxle), axle, "{place} of {axles}");
+                let beam = match place + 1 < axles {
+                    true => Ok(Role::beam(place)),
+                    false => Err("board.place"),
+                };
+                assert_eq!(role(BoardKind::Beam), beam, "{place} of {axles}");
+                for role in axle.into_iter().chain(beam) {
+                    assert_eq!(settings.check_role(BoardKind::of(role)), Ok(role));
+                    assert_eq!(Settings::default().placed(role).board, settings.board);
+                }
+            }
+        }
+        let unplaced = [BoardKind::FrontAxle, BoardKind::PlacedAxle, BoardKind::Beam]
+            .map(|kind| Settings::of(kind).check_role(kind));
+        assert_eq!(unplaced, Role::PAIR.map(Ok));
     }
 
     #[test]

@@ -104,7 +104,7 @@ fn calibration_drive_on_virtual_boards_is_bit_identical() {
     let images = Images::open(None, None).unwrap();
     let boards = Role::PAIR.map(|role| -> Box<dyn Target> {
         let log = BoardLog::new(Topology::PAIR.name(role));
-        let board = VirtualLink::start(&images, role, &log, None);
+        let board = VirtualLink::start(&images, (Topology::PAIR, role), &log, None);
         Box::new(Remote::new(Topology::PAIR, role, Box::new(board.unwrap())))
     });
     let nominal = Scenario::in_world(Some("ideal")).unwrap();

@@ -428,7 +428,7 @@ fn boards_on_serial_ports_are_bit_identical() {
         let (path, board) = match role {
             Role::Axle(_) => {
                 let log = BoardLog::new(Topology::PAIR.name(role));
-                terminal(VirtualLink::start(&images, role, &log, None).unwrap())
+                terminal(VirtualLink::start(&images, (Topology::PAIR, role), &log, None).unwrap())
             }
             _ => terminal(loopback(role)),
         };

@@ -19,7 +19,7 @@ const GAIN: &str = "robot.beam.calibration.gain[3]";
 
 fn loopback(role: Role, flash: &Path) -> Box<dyn Link> {
     let build = "loopback";
-    Box::new(Loopback::keeping(Identity { build, role }, flash).unwrap())
+    Box::new(Loopback::keeping(Topology::PAIR, Identity { build, role }, flash).unwrap())
 }
 
 fn kept(remote: &mut Remote, name: &str) -> BoardParameter {
@@ -87,7 +87,7 @@ fn saved_parameters_remain_after_a_reset_of_a_virtual_board() {
             .path()
             .join(format!("a, b {}", Topology::PAIR.name(role)));
         let log = BoardLog::new(Topology::PAIR.name(role));
-        let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
+        let board = VirtualLink::start(&images, (Topology::PAIR, role), &log, Some(&file)).unwrap();
         set_save_and_reset(Box::new(board), role);
     }
     // An in-process board reads the flash file of the virtual board.

@@ -1,7 +1,7 @@
 //! Compatibility with logs and stored parameters of version 0.1.
 
 use crate::program::cfmmr;
-use core_algos::params::{Contents, Settings, TABLE, find};
+use core_algos::params::{BoardKind, Contents, Settings, TABLE, find};
 use core_algos::topology::Role;
 use recording::log::read;
 
@@ -49,7 +49,7 @@ fn stored_parameters_of_version_0_1_are_read() {
     let bytes = [1, 7, 0, 0, 0, 0x74, 0xb5, 0x95, 0x3d];
     let mut contents = Contents::default();
     contents.take(1, &bytes);
-    let own = Settings::of(Role::LEAD);
+    let own = Settings::of(BoardKind::FrontAxle);
     let (settings, _) = contents.resolve(&own, |settings| settings.check(Role::LEAD));
     assert_eq!(settings.robot.geometry.wheel_radius_m, 0.0731);
 }

@@ -1,9 +1,7 @@
-//! Strap that selects the axle of an axle board: PC13 open is the front axle, PC13 at ground the axle that the image
-//! names.
-//!
-//! No board stores an axle: on a two-axle robot a grounded strap means [`REAR`].
+//! Strap that selects the kind of an axle board: PC13 open is the front axle, PC13 at ground the axle whose place the
+//! board stores.
 
-use core_algos::topology::AxleId;
+use core_algos::params::BoardKind;
 #[cfg(target_os = "none")]
 use embassy_stm32::{
     Peri,
@@ -11,15 +9,12 @@ use embassy_stm32::{
     peripherals::PC13,
 };
 
-/// Axle of a board with a grounded strap in a two-axle robot.
-pub const REAR: AxleId = AxleId(1);
-
-/// Level of the strap pin that selects the axle.
+/// Level of the strap pin that selects the kind of an axle board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strap {
     /// Strap pin not connected: front axle.
     Open,
-    /// Strap pin connected to ground: the axle that the image passes to [`Strap::axle`].
+    /// Strap pin connected to ground: the axle of the parameter `board.place`.
     Ground,
 }
 
@@ -36,11 +31,11 @@ impl Strap {
         }
     }
 
-    /// Axle of the board; `grounded_axle` is the axle for a grounded strap.
-    pub const fn axle(self, grounded_axle: AxleId) -> AxleId {
+    /// Kind of the board.
+    pub const fn kind(self) -> BoardKind {
         match self {
-            Self::Open => AxleId(0),
-            Self::Ground => grounded_axle,
+            Self::Open => BoardKind::FrontAxle,
+            Self::Ground => BoardKind::PlacedAxle,
         }
     }
 }
@@ -48,21 +43,25 @@ impl Strap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::params::Settings;
     use core_algos::topology::{MAX_AXLES, Role, Topology};
 
     #[test]
-    fn boards_of_two_axles_are_front_and_rear() {
-        let boards = [Strap::Open, Strap::Ground].map(|strap| Role::Axle(strap.axle(REAR)));
+    fn axle_boards_without_a_place_are_front_and_rear() {
+        let boards = [Strap::Open, Strap::Ground].map(|strap| strap.kind().unplaced());
         let names = boards.map(|board| Topology::PAIR.name(board));
         assert_eq!(names, ["front", "rear"]);
     }
 
-    /// An open strap is always axle 0: a board with a missing strap never drives as an inner axle.
+    /// An open strap is always axle 0: a board with a broken strap never drives as an inner axle.
     #[test]
-    fn grounded_axle_counts_only_with_the_strap_at_ground() {
-        for grounded_axle in (1..MAX_AXLES as u8).map(AxleId) {
-            assert_eq!(Strap::Open.axle(grounded_axle), AxleId(0));
-            assert_eq!(Strap::Ground.axle(grounded_axle), grounded_axle);
+    fn stored_place_counts_only_with_the_strap_at_ground() {
+        let mut settings = Settings::default();
+        settings.robot.geometry.axles = MAX_AXLES as u32;
+        for place in 1..MAX_AXLES as u8 {
+            settings.board.place = place.into();
+            let roles = [Strap::Open, Strap::Ground].map(|strap| settings.role(strap.kind()));
+            assert_eq!(roles, [Ok(Role::LEAD), Ok(Role::axle(place))]);
         }
     }
 }

@@ -12,7 +12,7 @@
 //! | `task_watchdog` | feeds the independent watchdog only while every task reports |
 //! | `time_driver` | SysTick as the clock of `embassy-time` |
 //! | `store` | parameters in flash |
-//! | `board_id` | strap that selects the axle of an axle board |
+//! | `board_id` | strap that selects the kind of an axle board |
 //! | `identity` | identity of the board on the bus |
 //! | `led` | LED |
 //! | `stack` | largest stack use, guard below the stack |

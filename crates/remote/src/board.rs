@@ -12,9 +12,10 @@ use core_algos::link::protocol::{
     Request, StackUse, Telemetry,
 };
 use core_algos::node::board::Samples;
+use core_algos::node::lead::step_phase;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
-use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
@@ -32,10 +33,6 @@ const ATTEMPTS: u32 = 40;
 const INTERACTIVE_ATTEMPTS: u32 = 6;
 /// Limit of the number of late replies to earlier requests that are skipped after a hello.
 const MAX_STALE_REPLIES: u32 = 4;
-/// Number of ticks per epoch.
-const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
-/// Tick of an epoch in which the lead node runs.
-const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
 /// A board at the other end of a link.
 pub struct Remote {
@@ -44,13 +41,13 @@ pub struct Remote {
     pub(super) name: &'static str,
     pub(super) channel: RequestChannel,
     bus: Packed,
+    /// Bus frames of the next tick that its request does not hold.
+    ahead: Vec<Packed>,
     build: String,
     room: Room,
     /// Parts of the lead node's output received so far.
     telemetry: Vec<u8>,
     tick: u32,
-    /// True if a tick had more bus frames than one request holds.
-    overflow: bool,
     tick_bytes: [u64; 2],
     latencies: Vec<u32>,
 }
@@ -64,11 +61,11 @@ impl Remote {
             name: robot.name(role),
             channel: RequestChannel::new(link),
             bus: Packed::new(),
+            ahead: Vec::new(),
             build: String::new(),
             room: EMPTY,
             telemetry: Vec::new(),
             tick: 0,
-            overflow: false,
             tick_bytes: [0; 2],
             latencies: Vec::new(),
         }
@@ -305,6 +302,7 @@ impl Target for Remote {
         self.room = EMPTY;
         self.telemetry.clear();
         self.bus = Packed::new();
+        self.ahead.clear();
         Ok(())
     }
 
@@ -332,18 +330,18 @@ impl Target for Remote {
 
     fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
         // A beam board takes no bus frames.
-        if !self.role.is_beam() {
-            self.overflow |= !self.bus.push(frame);
+        if !self.role.is_beam() && !self.bus.push(frame) {
+            let full = std::mem::take(&mut self.bus);
+            self.ahead.push(full);
+            self.bus.push(frame);
         }
     }
 
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
         let bus = std::mem::take(&mut self.bus);
-        if std::mem::take(&mut self.overflow) {
-            return Err(Fault::Fatal(Error::Failure(format!(
-                "{} board: more bus frames at tick {tick} than one request holds",
-                self.name
-            ))));
+        for frames in std::mem::take(&mut self.ahead) {
+            let bus = frames.bytes();
+            self.execute("bus frames", &Request::Frames { tick, bus })?;
         }
         self.tick = tick;
         let request = match *samples {
@@ -373,7 +371,7 @@ impl Target for Remote {
         for frame in protocol::unpack(bus) {
             send(Outgoing::Frame(&frame));
         }
-        if self.tick % EPOCH_TICKS == LEAD_TICK {
+        if Micros::from(self.tick) * TICK % EPOCH == step_phase(self.robot) {
             self.telemetry.clear();
         }
         self.telemetry.extend_from_slice(telemetry);

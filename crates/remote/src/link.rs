@@ -2,6 +2,8 @@
 
 use core_algos::link::protocol::StackUse;
 use core_algos::link::{Identity, SimLink};
+use core_algos::params::{BoardKind, Disarmed, Settings};
+use core_algos::topology::{Role, Topology};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
@@ -81,12 +83,13 @@ impl Loopback {
         Self::with(identity, Flash::new(SECTORS, 1), None)
     }
 
-    /// A board with its flash in a file; blank if the file does not exist.
-    pub fn keeping(identity: Identity, file: &Path) -> Result<Self, Error> {
+    /// A board of a robot, with its flash in a file; its flash has only its place if the file does not exist.
+    pub fn keeping(robot: Topology, identity: Identity, file: &Path) -> Result<Self, Error> {
         let mut flash = Flash::new(SECTORS, 1);
-        if let Some(bytes) = flash_file(file)? {
-            flash.bytes = bytes;
-        }
+        flash.bytes = match flash_file(file)? {
+            Some(bytes) => bytes,
+            None => placed_flash(robot, identity.role)?,
+        };
         Ok(Self::with(identity, flash, Some(file.to_owned())))
     }
 
@@ -126,12 +129,24 @@ pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     }
 }
 
-/// Creates a file with a blank flash, if it does not exist.
-pub fn make_flash_file(path: &Path) -> Result<(), Error> {
-    if flash_file(path)?.is_none() {
-        files::write_file(path, vec![0xff; SECTORS * SECTOR])?;
-    }
-    Ok(())
+/// Flash of a board that stores only its place in a robot; blank for the place that a board has without a stored place.
+pub fn placed_flash(robot: Topology, role: Role) -> Result<Vec<u8>, Error> {
+    let base = Settings::of(BoardKind::of(role));
+    let mut settings = base.placed(role);
+    settings.robot.geometry.axles = robot.axle_count() as u32;
+    stored_flash(&settings, &base)
+}
+
+/// Flash of a board that stores `settings`; `base` are its settings with a blank flash.
+pub fn stored_flash(settings: &Settings, base: &Settings) -> Result<Vec<u8>, Error> {
+    let failed = |what: &str| Error::Failure(format!("store: {what}"));
+    let off = Disarmed::when(true).ok_or_else(|| failed("armed"))?;
+    let flash = Flash::<SECTOR>::new(SECTORS, 1);
+    let range = flash.range();
+    let mut store = Store::new(flash, range).ok_or_else(|| failed("its sectors"))?;
+    let saved = run(store.save(settings, base, off));
+    saved.map_err(|error| failed(&format!("{error:?}")))?;
+    Ok(store.into_flash().bytes)
 }
 
 impl Link for Loopback {

@@ -5,10 +5,10 @@
 
 use crate::board_log::BoardLog;
 use crate::images::Images;
-use crate::link::{Link, flash_file, make_flash_file};
+use crate::link::{Link, flash_file, placed_flash};
 use crate::log_reader::Reader;
 use crate::serial_line::SerialLine;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use output::files;
 use std::collections::VecDeque;
@@ -22,7 +22,7 @@ use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::finding::FindingKind;
 
-/// Pin of the strap that marks the rear board.
+/// Pin of the strap that marks an axle board other than the front board.
 const STRAP: Pin = Pin::new('C', 13);
 /// Pin that wakes the motor drivers (nSLEEP).
 const NSLEEP: Pin = Pin::new('C', 4);
@@ -33,10 +33,10 @@ const REQUEST_TIMEOUT_NS: u64 = 250_000_000;
 /// Offset of the parameter store in the flash, bytes.
 const STORE: usize = 16 << 10;
 
-/// Circuit of the board: a serial adapter and, on a rear board, the strap.
+/// Circuit of the board: a serial adapter and, on an axle board other than the front board, the strap.
 #[derive(Clone)]
 struct Port {
-    rear: bool,
+    grounded: bool,
     strap_set: bool,
     line: SerialLine,
     /// True if the board has woken the motor drivers.
@@ -62,7 +62,11 @@ impl Circuit for Port {
     fn advance(&mut self, at: Time, inputs: &mut Inputs) {
         if !self.strap_set {
             self.strap_set = true;
-            let strap = if self.rear { Drive::Low } else { Drive::Open };
+            let strap = if self.grounded {
+                Drive::Low
+            } else {
+                Drive::Open
+            };
             inputs.pins.push((STRAP, strap));
         }
         self.line.advance(at, inputs);
@@ -160,16 +164,16 @@ pub struct VirtualLink {
 }
 
 impl VirtualLink {
-    /// Switches a board on. Its log goes to `log`. Its parameter store is in the file `flash`, or in memory if `flash`
-    /// is `None`.
+    /// Switches a board of a robot on. Its log goes to `log`. Its parameter store is in the file `flash`, or in memory if
+    /// `flash` is `None`; a new store holds only the place of the board.
     pub fn start(
         images: &Images,
-        role: Role,
+        (robot, role): (Topology, Role),
         log: &BoardLog,
         flash: Option<&Path>,
     ) -> Result<Self, Error> {
         let port = Port {
-            rear: role != Role::LEAD && !role.is_beam(),
+            grounded: role != Role::LEAD && !role.is_beam(),
             strap_set: false,
             line: SerialLine::default(),
             woken: false,
@@ -177,12 +181,15 @@ impl VirtualLink {
         let image = images.of(role);
         let mut board = Board::new(Box::new(port), 0);
         board.flash(image);
-        let mut saved = Vec::new();
+        let existing = flash.map(flash_file).transpose()?.flatten();
+        let saved = match existing {
+            Some(bytes) => bytes,
+            None => placed_flash(robot, role)?,
+        };
         if let Some(file) = flash {
-            make_flash_file(file)?;
-            saved = flash_file(file)?.unwrap_or_default();
-            board.chip().flash()[STORE..STORE + saved.len()].copy_from_slice(&saved);
+            files::write_file(file, &saved)?;
         }
+        board.chip().flash()[STORE..STORE + saved.len()].copy_from_slice(&saved);
         board.power(true);
         let mut threaded = ThreadedBoard {
             board,

@@ -13,7 +13,7 @@ use core_algos::node::tick_sync::TickStep;
 use core_algos::node::{Outbox, axle, lead};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::Wheels;
 use firmware_common::can::Arrived;
 use firmware_common::fault;
@@ -25,9 +25,6 @@ use super::inertial::Inertial;
 use super::motors::Motors;
 use super::operator::Button;
 use crate::rules::{Command, Feedback};
-
-/// Time in an epoch at which orders of the link are executed, one tick before the lead node's step, µs.
-const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 
 /// Report of the axle's tick for the board's log.
 #[derive(Clone, Copy, Debug)]
@@ -221,8 +218,10 @@ impl AxleTick {
     fn take_orders(&mut self, now: Micros, common: &mut Common) {
         let Axle { button, nodes, .. } = &mut self.axle;
         button.step(now, nodes, &mut common.link);
-        // Orders are executed one tick before the lead node's step, in a tick with little other work.
-        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
+        // Orders are executed one tick before the lead node's work, in a tick with little other work.
+        if let Some(lead) = nodes.lead()
+            && now % EPOCH == lead::order_phase(lead.topology())
+        {
             common.link.execute_orders(lead);
         }
     }

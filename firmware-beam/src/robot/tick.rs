@@ -5,7 +5,6 @@ use core_algos::beam::procedure::{Event, Procedure};
 use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
 use core_algos::bus::field::CalibrationResult;
-use core_algos::config::ConfigError;
 use core_algos::link::MotorState;
 use core_algos::node::Outbox;
 use core_algos::node::beam::{self, BeamNode};
@@ -15,7 +14,7 @@ use core_algos::node::tick_sync::TickStep;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Wheels;
+use core_algos::topology::{FrameId, Role, Wheels};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use firmware_common::can::Arrived;
@@ -23,7 +22,6 @@ use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
 use super::bridges::{Block, Bridges};
-use super::{FRAME, ROLE};
 use crate::rules::Motors;
 
 /// Nominal supply of the board, V: the supply reported in health messages if the excitation is nominal.
@@ -90,11 +88,6 @@ pub struct BeamTick {
     adopted: bool,
 }
 
-/// Builds the beam node of a configuration.
-pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
-    config.build_beam(FRAME)
-}
-
 /// Runs the tick for ever.
 #[embassy_executor::task]
 pub async fn run(mut tick: TickLoop<BeamTick>) -> ! {
@@ -138,10 +131,11 @@ impl BoardTick for BeamTick {
         self.beam.node.receive(&arrived.message);
         self.motors.receive(block.local, &arrived.message);
         if let Message::BeamCalibration {
-            frame: FRAME,
+            frame,
             sequence,
             calibrate,
         } = arrived.message
+            && frame == self.frame()
             && self.saving.is_none()
         {
             self.beam.procedure.request(sequence, calibrate);
@@ -168,9 +162,10 @@ impl BoardTick for BeamTick {
 
     fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> BeamReport {
         let temperature_c = self.beam.bridges.temperature();
-        common.send_identity(ROLE, &health);
+        let board = Role::Beam(self.frame());
+        common.send_identity(board, &health);
         let supply_v = block.excitation * SUPPLY_V;
-        common.send(&health.message(ROLE, supply_v, temperature_c.unwrap_or(-128.0)));
+        common.send(&health.message(board, supply_v, temperature_c.unwrap_or(-128.0)));
         let latest = self.beam.node.latest();
         let gauges = latest.map_or(0, |latest| latest.used.count());
         BeamReport {
@@ -198,6 +193,11 @@ impl BeamTick {
             found: Conditions::NONE.with(Condition::Restarted, fault::restarted()),
             adopted: false,
         }
+    }
+
+    /// Frame whose gauges this board reads.
+    fn frame(&self) -> FrameId {
+        self.beam.node.frame()
     }
 
     /// Steps the node. A step of the clock does not restart the node, because the node stores samples, not times.
@@ -232,8 +232,9 @@ impl BeamTick {
                 true => CalibrationResult::Stored,
                 false => CalibrationResult::NotStored,
             };
-            reply(sequence, result, 0, common);
+            reply(self.frame(), sequence, result, 0, common);
         }
+        let frame = self.frame();
         let calibration = &self.beam.config.beam.calibration;
         let procedure = &mut self.beam.procedure;
         match procedure.sample(calibration, &block.counts, self.motors_off) {
@@ -241,7 +242,7 @@ impl BeamTick {
                 sequence,
                 result,
                 gauge,
-            }) => reply(sequence, result, gauge, common),
+            }) => reply(frame, sequence, result, gauge, common),
             Some(Event::Adopt { sequence, config }) => self.adopt(sequence, config, common),
             None => {}
         }
@@ -249,9 +250,10 @@ impl BeamTick {
 
     /// Adopts a calibration and requests its storage.
     fn adopt(&mut self, sequence: u8, calibration: calibration::Config, common: &mut Common) {
+        let frame = self.frame();
         let mut config = self.beam.config;
         config.beam.calibration = calibration;
-        match (node(&config), Disarmed::when(self.motors_off)) {
+        match (config.build_beam(frame), Disarmed::when(self.motors_off)) {
             (Ok(node), Some(off)) => {
                 self.beam.node = node;
                 self.beam.config = config;
@@ -260,16 +262,16 @@ impl BeamTick {
                 self.saving = Some(sequence);
                 self.beam.saving.wanted.signal((calibration, off));
             }
-            (Ok(_), None) => reply(sequence, CalibrationResult::MotorsOn, 0, common),
-            (Err(_), _) => reply(sequence, CalibrationResult::OutOfRange, 0, common),
+            (Ok(_), None) => reply(frame, sequence, CalibrationResult::MotorsOn, 0, common),
+            (Err(_), _) => reply(frame, sequence, CalibrationResult::OutOfRange, 0, common),
         }
     }
 }
 
 /// Sends the result of a calibration on the bus.
-fn reply(sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
+fn reply(frame: FrameId, sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
     common.send(&Message::BeamCalibrated {
-        frame: FRAME,
+        frame,
         sequence,
         result,
         gauge,

@@ -16,7 +16,8 @@ table! {
         /// Time from sending to receiving. Arbitration and transfer of the thirteen messages at the
         /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
         pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
-        /// Additional latency of each board's messages at the other boards, in the order front, rear, beam.
+        /// Additional latency of each board's messages at the other boards: one entry for all boards, or one per board,
+        /// axles first.
         pub late_ms: Vec<u32> = vec![0; 3], "ms": Range(0.0, 1000.0);
         /// Largest additional latency of a message at the other boards, drawn uniformly; messages may
         /// overtake each other.
@@ -32,6 +33,24 @@ table! {
         /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
         /// measure its effect; no real bus can do that.
         pub quantise: bool = true;
+    }
+}
+
+impl BusConfig {
+    /// True if the list of latencies fits the boards of `robot`.
+    pub fn fits(&self, robot: Topology) -> bool {
+        let late = &self.late_ms;
+        // The default list has three zeros, for a robot of any number of axles.
+        let none = !late.is_empty() && late.iter().all(|late| *late == 0);
+        none || [1, robot.board_count()].contains(&late.len())
+    }
+
+    /// Additional latency of a board at an index of [`Topology::boards`], ms.
+    fn late_ms_at(&self, place: usize) -> u32 {
+        match self.late_ms.as_slice() {
+            [all] => *all,
+            boards => boards.get(place).copied().unwrap_or(0),
+        }
     }
 }
 
@@ -149,8 +168,7 @@ impl VirtualBus {
         }
         self.queue(own);
         let place = origin.map(|board| self.topology.place(board));
-        let late = place.and_then(|place| self.config.late_ms.get(place));
-        let mut late = late.copied().unwrap_or(0);
+        let mut late = place.map_or(0, |place| self.config.late_ms_at(place));
         if self.config.jitter_ms > 0 {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }

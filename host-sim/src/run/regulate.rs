@@ -29,7 +29,7 @@ pub struct Outcome {
     pub beam_share: f64,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
-    /// Root mean square of the magnitude of the frame's force over the task, N.
+    /// Root mean square of the magnitude of the force over the task and over the frames, N.
     pub force_rms_n: f64,
     /// Largest true curvature from the bend of the frame over the task, at rest too, 1/m: paper eq. 5 of half
     /// the angle between the axles.
@@ -45,7 +45,8 @@ pub struct Outcome {
     pub cusps: u32,
     /// Number of planning phases of the regulator.
     pub plans: u32,
-    /// Error of the estimated relative posture of the axles at the end: m, m, rad.
+    /// Error of the estimated relative posture of the axles at the end, of the frame with the largest error in position:
+    /// m, m, rad.
     pub relative_error: [f64; 3],
 }
 
@@ -150,9 +151,14 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for Regulation<F> {
     }
 
     fn tick(&mut self, robot: &R) -> Progress {
-        let force = robot.plant().map(|plant| plant.wrench(0).force);
-        let [x, y] = force.unwrap_or([f64::NAN; 2]);
-        self.force_square += square(x) + square(y);
+        self.force_square += robot.plant().map_or(f64::NAN, |plant| {
+            let of = |frame| {
+                let [x, y] = plant.wrench(frame).force;
+                square(x) + square(y)
+            };
+            let frames = plant.frame_count();
+            (0..frames).map(of).sum::<f64>() / frames as f64
+        });
         self.ticks += 1;
         self.drive.steering = self.drive.steering.max(robot.steering().abs());
         Progress::Driving
@@ -190,13 +196,13 @@ pub fn regulate_on(
     )?;
     let record = robot.record();
     let fused = &record.lead.fused;
-    let estimated = fused.front.posture.relative_to(fused.rear.posture);
-    let estimated = [estimated.x, estimated.y, estimated.phi].map(f64::from);
+    let distance = |error: &[f64; 3]| libm::hypot(error[0], error[1]);
+    let errors = record.relative_errors();
+    let relative_error = errors.max_by(|a, b| distance(a).total_cmp(&distance(b)));
     let geometry = &scenario.robot.completed().geometry;
     let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
     let mission = &scenario.mission;
-    let relative = record.frames[0].relative;
     Ok(Outcome {
         midpoint: record.midpoint,
         end,
@@ -210,7 +216,7 @@ pub fn regulate_on(
         path_m: drive.path_m,
         cusps: drive.cusps,
         plans: drive.plans,
-        relative_error: std::array::from_fn(|i| estimated[i] - relative[i]),
+        relative_error: relative_error.unwrap_or([f64::NAN; 3]),
     })
 }
 

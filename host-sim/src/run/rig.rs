@@ -21,7 +21,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::{FrameId, Role, Topology};
 
 /// Sensors, boards and bus of one robot.
 pub struct Rig {
@@ -45,7 +45,8 @@ pub struct Rig {
     /// Trace of the boards, if recorded.
     pub(super) trace: Option<Trace>,
     injectors: Vec<Injector>,
-    calibration: Calibration,
+    /// Calibration in the board of each frame.
+    calibrations: Vec<Calibration>,
     /// Number of gauges of each frame; 0 without the relative position sensor.
     gauges: usize,
     /// Readings of the boards at the latest tick.
@@ -70,9 +71,12 @@ impl Rig {
         let start = Posture::from(scenario.mission.start.map(|value| value as f32));
         let config = board_config(scenario, imperfections);
         let place = config.placement(start, &scenario.mission.configured_placement());
-        let believed = &settings[topology.place(Role::beam(0))].robot.beam;
-        let gauges = believed.strip.gauges_m.count();
-        let calibration = believed.calibration.build(gauges)?;
+        let calibration = |board: &Settings| {
+            let believed = &board.robot.beam;
+            believed.calibration.build(believed.strip.gauges_m.count())
+        };
+        let frames = settings.iter().skip(topology.axle_count());
+        let calibrations = frames.map(calibration).collect::<Result<_, _>>()?;
         let bridge = &scenario.world.sensors.bridge;
         let rps = scenario.mission.rps;
         let axles = topology.axle_count();
@@ -93,7 +97,7 @@ impl Rig {
             lead: lead::Output::default(),
             trace: None,
             injectors: Vec::new(),
-            calibration,
+            calibrations,
             gauges: if rps { bridge.gauges_m.len() } else { 0 },
             readings: Readings {
                 axles: vec![axle::Samples::default(); axles],
@@ -257,7 +261,7 @@ impl Rig {
     pub fn strain(&self, frame: usize) -> [f32; MAX_GAUGES] {
         let counts = self.sensors.samples().frames[frame];
         let counts = counts.map(|count| (count + self.converter_middle) as f32);
-        let mut strain = self.calibration.strain(&counts);
+        let mut strain = self.calibrations[frame].strain(&counts);
         strain[self.gauges..].fill(0.0);
         strain
     }
@@ -270,8 +274,13 @@ impl Rig {
 }
 
 /// Configuration of a drawn robot's boards: the scenario's configuration with the constants of the converter, and with
-/// the bridge zeros of the drawn robot, measured with the frame held against a straight edge.
+/// the bridge zeros of the first frame, measured with the frame held against a straight edge.
 pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
+    config_of(scenario, imperfections, FrameId(0))
+}
+
+/// As [`board_config`], with the bridge zeros of a frame.
+fn config_of(scenario: &Scenario, imperfections: &Drawn, frame: FrameId) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();
     let middle = f64::from(bridge.full_scale_counts());
@@ -279,7 +288,7 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
     calibration.strain_per_count = bridge.strain_per_count() as f32;
     let gauges = config.beam.strip.gauges_m.count();
-    let zeros = bridge.zero_counts(&imperfections.frames[0]);
+    let zeros = bridge.zero_counts(&imperfections.frames[frame.index()]);
     let zeros = zeros.map(|count| (count + middle) as f32);
     if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
         calibration.zero_counts = zeros;
@@ -287,12 +296,15 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     config
 }
 
-/// Settings of each board of a drawn robot: [`board_config`] with the board's own parameters, such as the gains of its
-/// inertial sensors.
+/// Settings of each board of a drawn robot: [`board_config`] with the bridge zeros of the board's own frame, and with
+/// the board's own parameters, such as the gains of its inertial sensors.
 pub fn settings_of(scenario: &Scenario, imperfections: &Drawn) -> Result<Vec<Settings>, Error> {
-    let common = Settings::new(board_config(scenario, imperfections));
     let settings = |role| {
-        let mut settings = common;
+        let frame = match role {
+            Role::Axle(_) => FrameId(0),
+            Role::Beam(frame) => frame,
+        };
+        let mut settings = Settings::new(config_of(scenario, imperfections, frame));
         scenario.boards.apply(role, &mut settings)?;
         Ok(settings)
     };

@@ -8,7 +8,7 @@ use crate::targets::board_record::BoardEvent;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
-use core_algos::fusion::Estimate;
+use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::Permit;
 use core_algos::time::{EPOCH, Micros};
@@ -95,14 +95,34 @@ impl Record {
         if !self.midpoint[0].is_nan() {
             return record;
         }
-        let fused = &self.lead.fused;
-        let posture = |at: &Estimate| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from);
-        record.midpoint = posture(&fused.robot);
-        for (axle, at) in record.axles.iter_mut().zip([&fused.front, &fused.rear]) {
+        let posture = |at: Posture| [at.x, at.y, at.phi].map(f64::from);
+        record.midpoint = posture(self.lead.fused.robot.posture);
+        for (axle, at) in record.axles.iter_mut().zip(estimated_axles(&self.lead)) {
             axle.posture = posture(at);
         }
         record.bend_frames();
         record
+    }
+
+    /// Errors of the estimated relative posture of each frame's axles: m, m, rad.
+    pub fn relative_errors(&self) -> impl Iterator<Item = [f64; 3]> {
+        let axles: Vec<_> = estimated_axles(&self.lead).collect();
+        let frames = self.frames.iter().enumerate();
+        let error = move |(k, frame): (usize, &FrameRecord)| {
+            let (front, rear) = (axles.get(k)?, axles.get(k + 1)?);
+            let at = front.relative_to(*rear);
+            let estimated = [at.x, at.y, at.phi].map(f64::from);
+            Some(std::array::from_fn(|i| estimated[i] - frame.relative[i]))
+        };
+        frames.filter_map(error)
+    }
+
+    /// The frame whose curvature has the largest magnitude, 1/m: 2 tan ψ divided by the distance of its axles.
+    pub fn curvature(&self) -> f64 {
+        let of = |[x, y, heading]: [f64; 3]| 2.0 * libm::tan(0.5 * heading) / libm::hypot(x, y);
+        let each = self.frames.iter().map(|frame| of(frame.relative));
+        let larger = |a: f64, b: f64| if b.abs() > a.abs() { b } else { a };
+        each.reduce(larger).unwrap_or(f64::NAN)
     }
 
     /// Draws each frame as a cubic between its axles.
@@ -143,6 +163,17 @@ impl Record {
             lead,
         }
     }
+}
+
+/// Estimated postures of the axles, front first.
+pub fn estimated_axles(lead: &lead::Output) -> impl Iterator<Item = Posture> {
+    let fused = &lead.fused;
+    let inner = lead.inner.into_iter().flatten();
+    let ends = [fused.front.posture, fused.rear.posture];
+    ends.into_iter()
+        .take(1)
+        .chain(inner)
+        .chain(ends.into_iter().skip(1))
 }
 
 /// Positions along each frame of a plant at which a record has its [`FRAME_POINTS`] points.
@@ -354,10 +385,15 @@ pub trait Robot {
         Ok(())
     }
 
-    /// True steering angle ψ, rad: half the relative heading of the first frame's axles. NaN without a plant.
+    /// True steering angle ψ of the frame that is bent most, rad: half the relative heading of its axles. NaN without a
+    /// plant.
     fn steering(&self) -> f64 {
-        self.plant()
-            .map_or(f64::NAN, |plant| 0.5 * plant.relative_posture(0)[2])
+        let Some(plant) = self.plant() else {
+            return f64::NAN;
+        };
+        let each = (0..plant.frame_count()).map(|frame| 0.5 * plant.relative_posture(frame)[2]);
+        let larger = |a: f64, b: f64| if b.abs() > a.abs() { b } else { a };
+        each.reduce(larger).unwrap_or(f64::NAN)
     }
 
     /// True speed of the fastest axle's midpoint, m/s; NaN without a plant.

@@ -146,6 +146,7 @@ impl Simulation<DrawnPlant> {
     /// Robot at rest at its start, with the drawn errors of this trial. The boards run in this process, with the
     /// scenario's parts of the user.
     pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
+        scenario.own.check_axles(scenario.robot.topology())?;
         let boards = targets::in_process_with(scenario.robot.topology(), &scenario.own);
         Self::on(boards, scenario, seed, trial)
     }

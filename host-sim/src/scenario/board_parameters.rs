@@ -11,20 +11,20 @@
 use crate::base::error::Error;
 use crate::base::toml_file;
 use core_algos::params::{Parameter, Settings, TABLE, find};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::{MAX_AXLES, Role, Topology};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write;
 use toml::{Table, Value};
 
 /// Parameters with their values.
 pub type Values = Vec<(&'static Parameter, f32)>;
 
-/// Robot with the boards that a file can name.
-const ROBOT: Topology = Topology::PAIR;
-/// Names of the boards in a file, in the order of [`Topology::boards`].
-const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
+/// Names of boards in a file, of robots with any number of axles.
+const NAMES: [&str; 10] = [
+    "front", "axle-2", "axle-3", "axle-4", "rear", "beam", "beam-1", "beam-2", "beam-3", "beam-4",
+];
 
 /// Parameters by board, named as in `cfmmr parameters`. A file gives the parameter of a gauge as an entry of a list, or
 /// alone under a key such as `"gain[0]"`.
@@ -32,42 +32,46 @@ const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
 pub struct Overlays {
     /// Topology of the robot.
     pub topology: Topology,
-    /// Tables in the order of the boards.
-    tables: Vec<Table>,
+    /// Tables by the boards' names.
+    tables: BTreeMap<&'static str, Table>,
 }
 
 impl Default for Overlays {
     fn default() -> Self {
-        Self::new(ROBOT)
+        Self::new(Topology::PAIR)
     }
 }
 
 impl Serialize for Overlays {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let names = self.topology.boards().map(|role| self.topology.name(role));
-        to.collect_map(names.zip(&self.tables))
+        let empty = Table::new();
+        let table = |name| (name, self.tables.get(name).unwrap_or(&empty));
+        to.collect_map(names.map(table))
     }
 }
 
 impl<'de> Deserialize<'de> for Overlays {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        /// Index of the board with a name in [`NAMES`].
+        /// Board with a name in [`NAMES`].
         #[derive(PartialEq, Eq, Hash)]
-        struct Board(usize);
+        struct Board(&'static str);
 
         impl<'de> Deserialize<'de> for Board {
             fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
                 let name = String::deserialize(from)?;
-                let place = NAMES.iter().position(|board| *board == name);
+                let known = NAMES.into_iter().find(|board| *board == name);
                 let unknown = || D::Error::unknown_field(&name, &NAMES);
-                place.map(Self).ok_or_else(unknown)
+                known.map(Self).ok_or_else(unknown)
             }
         }
 
         let mut overlays = Self::default();
         for (board, table) in HashMap::<Board, Table>::deserialize(from)? {
-            overlays.tables[board.0] = table;
+            overlays.tables.insert(board.0, table);
         }
+        // Empty tables, as in the defaults of another robot, name no board.
+        overlays.tables.retain(|_, table| !table.is_empty());
         Ok(overlays)
     }
 }
@@ -77,7 +81,26 @@ impl Overlays {
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
-            tables: vec![Table::new(); topology.board_count()],
+            tables: BTreeMap::new(),
+        }
+    }
+
+    /// The parameters, for the boards of `topology`.
+    pub fn of(self, topology: Topology) -> Self {
+        Self { topology, ..self }
+    }
+
+    /// Refuses parameters of a board that the robot does not have.
+    pub fn check(&self) -> Result<(), Error> {
+        let robot = self.topology;
+        let own: Vec<_> = robot.boards().map(|role| robot.name(role)).collect();
+        match self.tables.keys().find(|name| !own.contains(name)) {
+            None => Ok(()),
+            Some(name) => Err(Error::input(format!(
+                "boards.{name}: a robot of {} axles has no such board; its boards are {}",
+                robot.axle_count(),
+                own.join(", ")
+            ))),
         }
     }
 
@@ -90,17 +113,24 @@ impl Overlays {
         }
         let file: File =
             toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
-        for role in file.boards.topology.boards() {
-            file.boards.values(role)?;
+        // The smallest robot that has all boards of the file.
+        let robots = (2..=MAX_AXLES).filter_map(Topology::new);
+        let mut robots = robots.map(|robot| file.boards.clone().of(robot));
+        let boards = robots.find(|boards| boards.check().is_ok());
+        let boards = boards
+            .ok_or(())
+            .or_else(|()| file.boards.check().map(|()| file.boards))?;
+        for role in boards.topology.boards() {
+            boards.values(role)?;
         }
-        Ok(file.boards)
+        Ok(boards)
     }
 
     /// Parameters of a board; an error names the key.
     pub fn values(&self, role: Role) -> Result<Values, Error> {
         let board = self.topology.name(role);
         let mut values = Vec::new();
-        for (key, value) in &self.tables[self.topology.place(role)] {
+        for (key, value) in self.tables.get(board).into_iter().flatten() {
             flatten(board, key, value, &mut values)?;
         }
         Ok(values)
@@ -117,7 +147,10 @@ impl Overlays {
 
     /// Adds or replaces parameters of a board.
     pub fn put(&mut self, role: Role, values: &[(&'static Parameter, f32)]) {
-        let table = &mut self.tables[self.topology.place(role)];
+        if values.is_empty() {
+            return;
+        }
+        let table = self.tables.entry(self.topology.name(role)).or_default();
         for (parameter, value) in values {
             let mut keys: Vec<&str> = parameter.name.split('.').collect();
             let last = keys.pop().unwrap_or_default();
@@ -221,7 +254,7 @@ fn flatten(board: &str, name: &str, value: &Value, values: &mut Values) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::topology::Topology;
+    use core_algos::params::BoardKind;
 
     #[test]
     fn written_parameters_are_read_back_bit_by_bit() {
@@ -265,7 +298,7 @@ mod tests {
     fn list_entry_and_single_entry_set_same_parameter_and_last_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
         let mut overlays = Overlays::parse(list, "file").unwrap();
-        let mut settings = Settings::of(Role::beam(0));
+        let mut settings = Settings::of(BoardKind::Beam);
         overlays.apply(Role::beam(0), &mut settings).unwrap();
         assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.5);
         overlays.put(

@@ -200,9 +200,11 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
         .strip_prefix("boards.")
         .and_then(|rest| rest.split_once('.'))
     {
-        // The calibration in `boards.beam` replaces the calibration from the bridges.
-        Some(("beam", parameter))
-            if within(parameter, "robot.beam.calibration") && scenario.mission.rps =>
+        // The calibration of a beam board in `boards` replaces the calibration from the bridges.
+        Some((board, parameter))
+            if is_beam(board)
+                && within(parameter, "robot.beam.calibration")
+                && scenario.mission.rps =>
         {
             None
         }
@@ -222,29 +224,35 @@ const AXLE: &str = "drive inertial robot.axle robot.limits robot.geometry.wheel_
 /// Errors common to all gauges, which are no part of the noise that the beam board reports.
 const SHARED_BY_GAUGES: &str = "robot.beam.strip.uncertainty.common_offset_strain \
     robot.beam.strip.uncertainty.common_gain";
-/// Parameters of the strip and of steering, which the rear board does not use.
+/// Parameters of the strip and of steering, which the boards of the axles behind the first do not use.
 const STEERING: &str = "robot.geometry.half_thickness_m robot.geometry.rigid_end_m \
     robot.limits.max_steering_rad robot.limits.steering_margin_rad";
+
+/// True for the name of a frame's board.
+fn is_beam(board: &str) -> bool {
+    board.starts_with("beam")
+}
 
 /// Reason that a parameter has no effect on a board; `None` if there is no such reason.
 fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static str> {
     let of = |keys: &str| listed(parameter, keys);
-    match board {
-        _ if of("button") => Some("in a simulation: mission.start and mission.goal set it"),
-        _ if !matches!(used, Use::Virtual | Use::VirtualPath) && of("drive") => {
+    let (beam, front) = (is_beam(board), board == "front");
+    match () {
+        () if of("button") => Some("in a simulation: mission.start and mission.goal set it"),
+        () if !matches!(used, Use::Virtual | Use::VirtualPath) && of("drive") => {
             Some("in a simulation: it describes the circuit of a board")
         }
-        "rear" | "beam" if of("robot.lead") => {
+        () if !front && of("robot.lead") => {
             Some("on this board: the lead node runs on the front board")
         }
-        "beam" if of(SHARED_BY_GAUGES) => {
+        () if beam && of(SHARED_BY_GAUGES) => {
             Some("on this board: the fusion on the front board uses it")
         }
-        "beam" if of(AXLE) => Some("on this board: it has no axle node"),
-        "front" | "rear" if of("robot.beam.calibration") || board == "rear" && of("robot.beam") => {
+        () if beam && of(AXLE) => Some("on this board: it has no axle node"),
+        () if !beam && of("robot.beam.calibration") || !front && !beam && of("robot.beam") => {
             Some("on this board: it has no beam node")
         }
-        "rear" if of(STEERING) => Some("on this board: the front board steers"),
-        _ => None,
+        () if !front && !beam && of(STEERING) => Some("on this board: the front board steers"),
+        () => None,
     }
 }

@@ -17,6 +17,7 @@ use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::scenario::board_parameters::Overlays;
 use crate::scenario::own::Own;
+use crate::scenario::variant::Variant;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
@@ -25,7 +26,7 @@ use core_algos::config::ConfigError;
 use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
 use core_algos::math::Posture;
-use core_algos::node::lead::Task;
+use core_algos::node::lead::{FUSION_OF_CHAIN, Task};
 use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::params::Settings;
 use declare::{Declared, Field};
@@ -145,10 +146,11 @@ impl Default for Layout {
 
 impl From<Layout> for Scenario {
     fn from(layout: Layout) -> Self {
+        let topology = layout.robot.topology();
         Self {
             mission: layout.mission,
             robot: layout.robot,
-            boards: layout.boards,
+            boards: layout.boards.of(topology),
             world: World {
                 name: layout.world,
                 plant: layout.plant,
@@ -219,8 +221,10 @@ impl Scenario {
     /// Checks that every value is within its range, for each board too.
     pub fn check(&self) -> Result<(), Error> {
         within("mission", self.mission.check_ranges())?;
-        self.robot.build().map_err(|error| self.placed(&error))?;
         let topology = self.robot.topology();
+        self.check_fusion()?;
+        self.robot.build().map_err(|error| self.placed(&error))?;
+        self.boards.check()?;
         for role in topology.boards() {
             let mut settings = Settings::new(self.robot);
             self.boards.apply(role, &mut settings)?;
@@ -231,7 +235,21 @@ impl Scenario {
             let checked = settings.check(role);
             checked.map_err(|error| Refusal::of(&board, &error))?;
         }
-        self.world.check()
+        self.own.check_axles(topology)?;
+        self.world.check(topology)
+    }
+
+    /// Refuses a fusion that knows one pair of axles only, by its name.
+    fn check_fusion(&self) -> Result<(), Error> {
+        let mode = self.robot.lead.fusion.mode;
+        let axles = self.robot.geometry.axles;
+        match mode {
+            Mode::Intersection | Mode::IntersectionIpec if axles > 2 => Err(Error::input(format!(
+                "robot.lead.fusion.mode = {}: must be {FUSION_OF_CHAIN} (robot.geometry.axles = {axles})",
+                Variant::of(self).fusion()
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Error of a robot parameter, with all keys that hold the refused value: fields of several tables share a name.

@@ -34,6 +34,7 @@ use crate::base::error::Error;
 use core_algos::control::controller::KinematicController;
 use core_algos::fusion::estimator::Estimator;
 use core_algos::node::lead;
+use core_algos::topology::Topology;
 use std::fmt;
 use std::sync::Arc;
 
@@ -89,6 +90,18 @@ impl Own {
                  (docs/extending.md)",
                 names.join(" and ")
             ))),
+        }
+    }
+
+    /// Refuses the user's parts on a robot of more than two axles: their inputs are those of one pair.
+    pub fn check_axles(&self, robot: Topology) -> Result<(), Error> {
+        let axles = robot.axle_count();
+        match self.names().as_slice() {
+            names if axles > 2 && !names.is_empty() => Err(Error::input(format!(
+                "robot.geometry.axles = {axles}: must be 2 with the user's {}",
+                names.join(" and ")
+            ))),
+            _ => Ok(()),
         }
     }
 

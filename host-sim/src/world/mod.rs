@@ -44,8 +44,6 @@ const BASE: &str = include_str!("../../worlds/base.toml");
 /// Name under which the base values alone are loaded as a world.
 const BASE_NAME: &str = "base";
 
-/// Topology for which the values of a world are checked.
-const ROBOT: Topology = Topology::PAIR;
 const _: () = assert!(plant::MAX_AXLES == MAX_AXLES);
 
 /// Built-in worlds, name and text.
@@ -176,7 +174,7 @@ impl World {
         let text = text(name)?;
         let mut world: Self = toml_file::parse(&text, name, &[])?;
         name.clone_into(&mut world.name);
-        world.check()?;
+        world.check_lists()?;
         effect::check_world(&text, &world)?;
         Ok(world)
     }
@@ -199,14 +197,23 @@ impl World {
         }
     }
 
-    /// Checks that every value is within its range, and that extreme draws give a valid plant.
-    pub fn check(&self) -> Result<(), Error> {
-        within("plant", self.plant.build(ROBOT.axle_count()).map(drop))?;
+    /// Checks the world for every robot that its lists fit; the error is that of a robot of two axles.
+    fn check_lists(&self) -> Result<(), Error> {
+        let mut robots = (2..=MAX_AXLES).filter_map(Topology::new);
+        let fits = |robot: &Topology| {
+            self.plant.for_axles(robot.axle_count()).is_ok() && self.bus.fits(*robot)
+        };
+        self.check(robots.find(fits).unwrap_or(Topology::PAIR))
+    }
+
+    /// Checks that every value is within its range, and that extreme draws give a valid plant of `robot`.
+    pub fn check(&self, robot: Topology) -> Result<(), Error> {
+        within("plant", self.plant.build(robot.axle_count()).map(drop))?;
         within("spread", self.spread.check_ranges())?;
         self.sensors.check()?;
         for side in [-1.0, 1.0] {
-            let robot = self.plant_of(&self.extreme(side), true);
-            robot.map_err(|error| beyond(&error.to_string()))?;
+            let plant = self.plant_of(&self.extreme(robot, side), true);
+            plant.map_err(|error| beyond(&error.to_string()))?;
         }
         let length = self.plant.strip_length_m;
         let mut gauges = self.sensors.bridge.gauges_m.iter().enumerate();
@@ -218,22 +225,23 @@ impl World {
         }
         within("placement", self.placement.check_ranges())?;
         within("bus", self.bus.check_ranges())?;
-        let (late, boards) = (self.bus.late_ms.len(), ROBOT.board_count());
-        match late == boards {
+        let (late, boards) = (self.bus.late_ms.len(), robot.board_count());
+        match self.bus.fits(robot) {
             true => Ok(()),
             false => Err(Error::input(format!(
-                "bus.late_ms has {late} entries: must have {boards}, one per board"
+                "bus.late_ms has {late} entries: must have {boards}, one per board of {} axles, or 1 for all boards",
+                robot.axle_count()
             ))),
         }
     }
 
     /// Robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
-    fn extreme(&self, side: f64) -> Drawn {
-        let mut drawn = Drawn::none(ROBOT);
+    fn extreme(&self, robot: Topology, side: f64) -> Drawn {
+        let mut drawn = Drawn::none(robot);
         let [radius, track] = self.sensors.geometry.extreme(side);
         drawn.wheel_radius_factor.fill([radius; 2]);
         drawn.track_factor.fill(track);
-        drawn.plant = self.spread.extreme(ROBOT, side);
+        drawn.plant = self.spread.extreme(robot, side);
         drawn
     }
 
@@ -385,7 +393,7 @@ mod tests {
                 let entries = toml::Value::Array(vec![list[0].clone(); count]);
                 let text = format!("plant.{key} = {entries}");
                 let world: World = toml_file::parse(&text, "own.toml", &[])?;
-                world.check().map(|()| world)
+                world.check(Topology::PAIR).map(|()| world)
             };
             assert_eq!(world(1).unwrap(), world(2).unwrap(), "{key}");
             for count in [0, 3, 6] {
@@ -408,7 +416,7 @@ mod tests {
         let refuse = |text: &str| {
             let world: Result<World, _> = toml_file::parse(text, "own.toml", &[]);
             world
-                .and_then(|world| world.check())
+                .and_then(|world| world.check(Topology::PAIR))
                 .unwrap_err()
                 .to_string()
         };

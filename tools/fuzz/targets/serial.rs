@@ -115,7 +115,7 @@ fn answer(board: &mut SimLink, frame: &[u8], role: Role) -> Vec<u8> {
 /// Lets a pending save fail, as a store that cannot be written does.
 fn fail_to_save(board: &mut SimLink, send: &mut impl FnMut(&[u8])) {
     if let Some(save) = board.save() {
-        assert!(save.settings.check(board.stored().role()).is_ok());
+        assert!(save.settings.check_role(board.stored().kind()).is_ok());
         board.saved(None, send);
     }
 }

@@ -3,7 +3,7 @@ use crate::bus::layout::MESSAGES;
 use crate::control::path::{PathPoint, TrajectoryPoint};
 use crate::node::robot::RobotConfig;
 use crate::safety::{Condition, Conditions};
-use crate::topology::Wheels;
+use crate::topology::{Topology, Wheels};
 use proptest::prelude::*;
 
 /// The encoded message.
@@ -57,23 +57,30 @@ fn encode_longest_messages_fits_frame() {
         tick: u32::MAX,
         samples: [i32::MIN; crate::beam::MAX_GAUGES].into(),
     };
-    for request in [path, trajectory, configure, axle, beam] {
+    let frames = Request::Frames {
+        tick: u32::MAX,
+        bus: &full,
+    };
+    for request in [path, trajectory, configure, axle, beam, frames] {
         assert!(encode(255, &request).is_some(), "{request:?}");
     }
-    let reply = Reply::Axle {
-        torque_nm: Wheels::both(1.0),
-        active: true,
-        refused: 255,
-        bus: &full[..10 * MAX_SENT_FRAMES],
-        telemetry: &[255; TELEMETRY_CHUNK],
-    };
-    assert!(encode(255, &reply).is_some());
+    for sent in [10 * MAX_SENT_FRAMES, 0] {
+        let reply = Reply::Axle {
+            torque_nm: Wheels::both(1.0),
+            active: true,
+            refused: 255,
+            bus: &full[..sent],
+            telemetry: &[255; MAX_PAYLOAD][..MAX_PAYLOAD - TICK_REPLY_HEAD - sent],
+        };
+        assert!(encode(255, &reply).is_some());
+    }
 }
 
 #[test]
 fn telemetry_largest_lead_output_fits_epoch() {
     let output = lead::Output {
         target: Some(Default::default()),
+        inner: [Some(Default::default()); lead::MAX_INNER],
         fused: crate::fusion::robot::Output {
             ipec: Some(crate::fusion::ipec::Correction::default()),
             omega: Some([0.5; 2]),
@@ -94,6 +101,25 @@ fn telemetry_largest_lead_output_fits_epoch() {
     let mut room = [0; 2 * MAX_TELEMETRY];
     let used = postcard::to_slice(&telemetry, &mut room).unwrap();
     assert!(used.len() <= MAX_TELEMETRY - 2, "{}", used.len());
+}
+
+/// The lead node's step of a robot with five axles, with 13 frames, is two ticks before the end of the epoch.
+#[test]
+fn largest_output_is_sent_before_the_epoch_ends() {
+    for axles in 2..=crate::topology::MAX_AXLES {
+        let robot = Topology::new(axles).unwrap();
+        let mut spread = Spread::default();
+        spread.bytes.resize_default(MAX_TELEMETRY).unwrap();
+        let step = lead::step_phase(robot);
+        for now in (step..EPOCH).step_by(TICK as usize) {
+            let frames = if now == step { 3 + 2 * axles } else { 0 };
+            let room = MAX_PAYLOAD - TICK_REPLY_HEAD - 10 * frames;
+            let chunk = spread.chunk(now).min(room);
+            assert!(axles > 2 || chunk == TELEMETRY_CHUNK);
+            spread.next(chunk);
+        }
+        assert_eq!(spread.left(), 0, "{axles}");
+    }
 }
 
 #[test]

@@ -4,6 +4,8 @@ use crate::control::path::{PathError, PathPoint};
 use crate::link::Order;
 use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, placement, start};
 use crate::node::lead::Task;
+use crate::safety::{Conditions, OperatingState};
+use crate::topology::Node;
 
 #[test]
 fn invalid_request_is_refused_with_its_reason() {
@@ -74,6 +76,59 @@ fn invalid_request_is_refused_with_its_reason() {
     let payload = Host::started(Role::beam(0), &config, None).request(&beam);
     let reply = protocol::decode::<Reply>(&payload);
     assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
+}
+
+/// A board that gets its frames in several requests acts like a board that gets them in one.
+#[test]
+fn frames_sent_ahead_precede_those_of_the_tick() {
+    let config = RobotConfig::default();
+    let role = Role::axle(1);
+    let mut host = Host::new(role);
+    host.hello();
+    fn ahead(tick: u32, bus: &[u8]) -> Request<'_> {
+        Request::Frames { tick, bus }
+    }
+    host.refused(&ahead(0, &[]), Refusal::NotStarted);
+    let beam = Role::beam(0);
+    let other = Refusal::OtherBoard { role: beam };
+    Host::started(beam, &config, None).refused(&ahead(0, &[]), other);
+    let heartbeat = |node, sequence| {
+        let message = bus::Message::NodeStatus {
+            node,
+            sequence,
+            state: OperatingState::Idle,
+            reason: 0,
+            notices: Conditions::NONE,
+        };
+        bus::encode(&message).unwrap()
+    };
+    let packed = |frames: &[bus::CanFrame]| {
+        let mut packed = Packed::new();
+        assert!(frames.iter().all(|frame| packed.push(frame)));
+        packed
+    };
+    let invalid = bus::CanFrame {
+        id: 0x7ff,
+        length: 8,
+        data: [0; 8],
+    };
+    let [mut whole, mut parts] = [(); 2].map(|()| Host::started(role, &config, None));
+    parts.refused(&ahead(1, &[]), Refusal::Tick { expected: 0 });
+    for tick in 0..200 {
+        let frames = [Node::axle(0), Node::Lead].map(|node| heartbeat(node, tick as u8));
+        let [first, last] = frames;
+        let all = packed(&[first, invalid, last]);
+        let expected = whole.request(&axle(tick, all.bytes()));
+        let [begin, rest] = [packed(&[first, invalid]), packed(&[last])];
+        parts.expect(&ahead(tick, begin.bytes()), Reply::Done);
+        let found = parts.request(&axle(tick, rest.bytes()));
+        assert!(matches!(
+            protocol::decode(&found),
+            Some((_, Reply::Axle { refused: 1, .. }))
+        ));
+        assert_eq!(found[1..], expected[1..], "{tick}");
+        assert_eq!(parts.board.board(), whole.board.board());
+    }
 }
 
 #[test]

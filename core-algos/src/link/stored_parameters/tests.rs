@@ -7,6 +7,7 @@ use crate::math::Posture;
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
 use crate::params::Source;
+use crate::topology::Role;
 
 /// Index of a parameter in the table.
 fn index(name: &str) -> u8 {
@@ -82,7 +83,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
         host.refused(&request, Refusal::Index { count });
     }
     for (i, parameter) in TABLE.iter().enumerate() {
-        let value = parameter.get(&Settings::of(Role::beam(0)));
+        let value = parameter.get(&Settings::of(BoardKind::Beam));
         let (_, high) = parameter.range;
         for bad in [f32::NAN, f32::NEG_INFINITY, 1.01 * high + 1.0] {
             let index = i as u8;
@@ -144,7 +145,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
 
 /// Contents of a store that holds these values.
 fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
-    let base = Settings::of(role);
+    let base = Settings::of(BoardKind::of(role));
     let mut settings = base;
     for &(index, value) in values {
         parameter(index).unwrap().set(&mut settings, value).unwrap();
@@ -162,15 +163,22 @@ fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
 #[test]
 fn source_and_saved_are_reported_for_each_value() {
     let off = Disarmed::of(None).unwrap();
-    let (radius, gap) = (index("robot.geometry.wheel_radius_m"), COUNT as u8 - 1);
-    let default = |index: u8| parameter(index).unwrap().get(&Settings::of(Role::axle(1)));
+    let (radius, gap) = (
+        index("robot.geometry.wheel_radius_m"),
+        index("button.goal.phi"),
+    );
+    let default = |index: u8| {
+        parameter(index)
+            .unwrap()
+            .get(&Settings::of(BoardKind::PlacedAxle))
+    };
     let (_, high) = parameter(gap).unwrap().range;
     let other = if default(gap) < high {
         high
     } else {
         parameter(gap).unwrap().range.0
     };
-    let mut stored = StoredParameters::new(Role::axle(1));
+    let mut stored = StoredParameters::new(BoardKind::PlacedAxle);
     stored.load(&contents(Role::axle(1), &[(gap, other)]));
     let is = |stored: &StoredParameters, index, value, source, saved| {
         assert_eq!(stored.get(index), Ok(kept(value, source, saved)), "{index}");
@@ -180,29 +188,59 @@ fn source_and_saved_are_reported_for_each_value() {
     assert_eq!(stored.set(radius, 0.074, off), Ok(()));
     is(&stored, radius, 0.074, Source::Default, false);
     is(&stored, gap, other, Source::Stored, true);
-    // The store read back holds another radius and has lost the last parameter.
+    // The store read back holds another radius and has lost the heading.
     stored.saved(&contents(Role::axle(1), &[(radius, 0.0735)]));
     is(&stored, radius, 0.074, Source::Stored, false);
     is(&stored, gap, other, Source::Default, false);
     let save = stored.save(off);
     assert_eq!(
         (save.settings, save.base),
-        (*stored.settings(), Settings::of(Role::axle(1)))
+        (*stored.settings(), Settings::of(BoardKind::PlacedAxle))
     );
     stored.load(&contents(Role::axle(1), &[(radius, 0.0735)]));
     is(&stored, radius, 0.0735, Source::Stored, true);
     is(&stored, gap, default(gap), Source::Default, true);
 }
 
+/// A board alone at the host gets its place: values are set one by one, so only the save checks them together.
+#[test]
+fn place_is_saved_if_the_robot_has_it_and_gives_the_role_after_a_reset() {
+    let (axles, place) = (index("robot.geometry.axles"), index("board.place"));
+    let mut host = Host::new(Role::axle(1));
+    host.hello();
+    for wrong in [0.0, 3.0] {
+        host.expect(&set(place, wrong), Reply::Done);
+        let payload = host.request(&Request::SaveParameters);
+        let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload)
+        else {
+            panic!("saved {wrong}");
+        };
+        assert!(text.contains("board.place"), "{text}");
+    }
+    host.expect(&set(axles, 5.0), Reply::Done);
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 2 });
+    let settings = host.board.stored().settings();
+    assert_eq!(settings.role(BoardKind::PlacedAxle), Ok(Role::axle(3)));
+    assert_eq!(settings.robot.topology().axle_count(), 5);
+    // The store of a board with this role is read alike.
+    host.reset(Role::axle(3));
+    host.hello();
+    host.expect(
+        &Request::Parameter { index: place },
+        kept(3.0, Source::Stored, true),
+    );
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
+}
+
 #[test]
 fn saved_is_compared_bit_for_bit() {
     let off = Disarmed::of(None).unwrap();
     let zero = TABLE.iter().position(|parameter| {
-        let value = parameter.get(&Settings::of(Role::beam(0)));
+        let value = parameter.get(&Settings::of(BoardKind::Beam));
         value.to_bits() == 0 && parameter.validate(-0.0).is_ok()
     });
     let zero = zero.unwrap() as u8;
-    let mut stored = StoredParameters::new(Role::beam(0));
+    let mut stored = StoredParameters::new(BoardKind::Beam);
     for (value, saved) in [(0.0, true), (-0.0, false), (0.0, true)] {
         assert_eq!(stored.set(zero, value, off), Ok(()));
         assert_eq!(stored.get(zero), Ok(kept(value, Source::Default, saved)));
@@ -219,7 +257,7 @@ fn store_without_valid_node_is_unusable() {
     ] {
         // The first gauge lies beyond the second, so no beam node can be built.
         let behind = contents(role, &[(gauge, 0.2)]);
-        let mut stored = StoredParameters::new(role);
+        let mut stored = StoredParameters::new(BoardKind::of(role));
         stored.load(&behind);
         let summary = Reply::Parameters {
             table: fingerprint(),
@@ -227,7 +265,7 @@ fn store_without_valid_node_is_unusable() {
             unusable,
         };
         assert_eq!(stored.summary(), summary, "{role:?}");
-        let usable = *stored.settings() != Settings::of(role);
+        let usable = *stored.settings() != Settings::of(BoardKind::of(role));
         assert_eq!(usable, !unusable, "{role:?}");
         let off = Disarmed::of(None).unwrap();
         assert_eq!(stored.check(), Ok(()));

@@ -1,19 +1,22 @@
 //! Configuration of the lead node.
 
 use crate::bus::layout;
-use crate::config::{ConfigError, declare};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::control::cascade::{self, Cascade};
 use crate::control::governor::{self, Governor};
 use crate::control::regulator::{self, Regulator};
 use crate::control::train::{self, Train};
 use crate::fusion::Estimate;
-use crate::fusion::robot::{self, RobotFusion};
+use crate::fusion::robot::{self, Mode, RobotFusion};
 use crate::math::Wrench;
 use crate::node::path_task::{self, PathTask};
 use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
 use crate::time::{EPOCH_S, LEAD_PHASE, Micros, TICK};
 use crate::topology::Topology;
+
+/// Fusions of a robot with more than two axles, in words.
+pub const FUSION_OF_CHAIN: &str = "joint or odometry with more than two axles";
 
 declare! {
     /// Parameters of the lead node.
@@ -80,10 +83,20 @@ impl Limits {
 }
 
 impl Config {
+    /// Refuses a fusion that knows one pair of axles only.
+    fn check_fusion(&self, topology: Topology) -> Result<(), ConfigError> {
+        let mode = self.fusion.mode;
+        let of_pair = matches!(mode, Mode::Intersection | Mode::IntersectionIpec);
+        let allowed = Allowed::Condition(FUSION_OF_CHAIN);
+        let fits = topology.frame_count() == 1 || !of_pair;
+        require(fits, "mode", mode as u8 as f32, allowed).map(drop)
+    }
+
     /// Builds the algorithms of the node; the error names the parameter that is wrong.
     pub fn build(&self, topology: Topology) -> Result<Algorithms, ConfigError> {
         self.check_ranges()?;
         self.limits.check_ranges()?;
+        self.check_fusion(topology)?;
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
             topology,
@@ -141,15 +154,26 @@ pub struct Algorithms {
 }
 
 impl Algorithms {
-    /// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They
-    /// take 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
-    pub const fn begin(&self) -> Micros {
-        LEAD_PHASE + TICK * self.topology.axle_count().saturating_sub(3) as Micros
+    /// Topology of the robot.
+    pub const fn topology(&self) -> Topology {
+        self.topology
     }
+}
 
-    /// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
-    /// [`Self::begin`] on, the last one in the step.
-    pub const fn step_phase(&self) -> Micros {
-        self.begin() + TICK * (self.topology.frame_count() - 1) as Micros
-    }
+/// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They take
+/// 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
+pub const fn begin_phase(robot: Topology) -> Micros {
+    LEAD_PHASE + TICK * robot.axle_count().saturating_sub(3) as Micros
+}
+
+/// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
+/// [`begin_phase`] on, the last one in the step.
+pub const fn step_phase(robot: Topology) -> Micros {
+    begin_phase(robot) + TICK * (robot.frame_count() - 1) as Micros
+}
+
+/// Delay of the tick before the lead node's work after the beginning of an epoch, µs: the tick at which a board
+/// executes orders of a host.
+pub const fn order_phase(robot: Topology) -> Micros {
+    begin_phase(robot) - TICK
 }

@@ -198,7 +198,7 @@ impl LeadNode {
     }
 
     /// Fuses one pair ahead of the next step, unless it is the last pair. To be called at the ticks from the lead
-    /// node's [`begin`](super::Algorithms::begin) to its step, at whose `now` all reports have arrived.
+    /// node's [`begin_phase`](super::begin_phase) to its step, at whose `now` all reports have arrived.
     pub fn fuse_ahead(&mut self, now: Micros, own: &mut Own<'_>) {
         self.begin(own);
         let ready = self.fusing.under_way || self.collect(now);

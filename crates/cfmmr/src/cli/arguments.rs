@@ -3,13 +3,13 @@
 use crate::experiments::result::Json;
 use crate::experiments::run::Run;
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::place::{BAUD, BoardPlace, Site, board_named};
+use crate::experiments::run::place::{BAUD, BoardPlace, Site, board_named, board_names};
 use crate::experiments::run::plan::Plan;
 use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Inputs};
 use clap::{Args, ValueEnum};
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{MAX_AXLES, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, posture, whole};
 use host_sim::base::{spelling, toml_file};
@@ -32,12 +32,47 @@ pub struct WorldChoice {
     pub world: Option<String>,
 }
 
+/// Number of the robot's axles.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct AxlesArg {
+    /// Give the robot this number of axles, joined by frames; as --set robot.geometry.axles=N [default: the scenario's,
+    /// or 2]
+    #[arg(long, value_name = "N", value_parser = whole::<u8>(2..=MAX_AXLES as u8))]
+    pub axles: Option<u8>,
+}
+
+impl AxlesArg {
+    /// Changes of the scenario by `--set` and this option; refuses two numbers of axles.
+    pub fn changes(&self, set: &[String]) -> Result<Vec<String>, Error> {
+        const KEY: &str = "robot.geometry.axles";
+        let mut changes = set.to_vec();
+        if let Some(axles) = self.axles {
+            let is_set = |change: &String| {
+                change
+                    .split('=')
+                    .next()
+                    .is_some_and(|key| key.trim() == KEY)
+            };
+            if set.iter().any(is_set) {
+                return Err(Error::input(format!(
+                    "--axles {axles}: --set {KEY} is given too; leave one out"
+                )));
+            }
+            changes.push(format!("{KEY}={axles}"));
+        }
+        Ok(changes)
+    }
+}
+
 /// Scenario of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct ScenarioArgs {
     /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
+    /// Option that sets the number of axles.
+    #[command(flatten)]
+    pub axles: AxlesArg,
     /// Read the scenario from this TOML file; missing keys keep their defaults, see `cfmmr config`
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -50,7 +85,8 @@ impl ScenarioArgs {
     /// Loads the scenario; an error suggests what to type.
     pub fn load(&self) -> Result<Scenario, Error> {
         let file = self.scenario.as_deref();
-        Scenario::load(self.choice.world.as_deref(), file, &self.set).map_err(|error| {
+        let changes = self.axles.changes(&self.set)?;
+        Scenario::load(self.choice.world.as_deref(), file, &changes).map_err(|error| {
             let known = toml_file::known_keys(&Scenario::default()).unwrap_or_default();
             spelling::on_scenario(error, file, &known)
         })
@@ -58,13 +94,14 @@ impl ScenarioArgs {
 
     /// True if any option was given.
     pub fn is_given(&self) -> bool {
-        self.choice.world.is_some() || self.scenario.is_some() || !self.set.is_empty()
+        let changed = !self.set.is_empty() || self.axles.axles.is_some();
+        self.choice.world.is_some() || self.scenario.is_some() || changed
     }
 
     /// Keys set by `--set` and by the scenario file.
     pub fn given(&self) -> Result<GivenKeys, Error> {
         let (file, _) = toml_file::read(self.scenario.as_deref())?;
-        GivenKeys::new(&self.set, &file)
+        GivenKeys::new(&self.axles.changes(&self.set)?, &file)
     }
 }
 
@@ -99,6 +136,7 @@ impl Common {
     pub fn context(&self, name: &str, own: &Own) -> Result<Context, Error> {
         let mut scenario = self.scenario.load()?;
         scenario.own = own.clone();
+        own.check_axles(scenario.robot.topology())?;
         self.run.context(name, scenario, self.scenario.given()?)
     }
 }
@@ -250,11 +288,11 @@ pub struct PlanArgs {
 }
 
 impl PlanArgs {
-    /// Plan of a run; without `--duration` the run lasts at least `least_s`, s.
-    pub fn plan(&self, least_s: f64) -> Result<Plan, Error> {
+    /// Plan of a run of `robot`; without `--duration` the run lasts at least `least_s`, s.
+    pub fn plan(&self, robot: Topology, least_s: f64) -> Result<Plan, Error> {
         let micros =
             |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
-        let failures = self.kill.iter().map(|text| failure(text));
+        let failures = self.kill.iter().map(|text| failure(robot, text));
         let restart_after = self
             .restart_after
             .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
@@ -281,14 +319,15 @@ fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
     }
 }
 
-/// Parses `BOARD@S`, a board and the time of its failure, s.
-fn failure(text: &str) -> Result<Failure, Error> {
+/// Parses `BOARD@S`, a board of `robot` and the time of its failure, s.
+fn failure(robot: Topology, text: &str) -> Result<Failure, Error> {
     let parts = text
         .split_once('@')
-        .and_then(|(board, time)| Some((board_named(board)?, time.parse::<f64>().ok()?)));
+        .and_then(|(board, time)| Some((board_named(robot, board)?, time.parse::<f64>().ok()?)));
     let Some((role, time)) = parts else {
         return Err(Error::input(format!(
-            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
+            "--kill {text}: must be {}, then @ and a time in seconds",
+            board_names(robot)
         )));
     };
     let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
@@ -398,7 +437,7 @@ impl RobotArgs {
         let run = Run {
             context,
             mission,
-            plan: self.plan.plan(0.0)?,
+            plan: self.plan.plan(context.scenario.robot.topology(), 0.0)?,
             outputs: &log.outputs(),
         };
         run.at(&self.site(threads))
@@ -484,12 +523,24 @@ mod tests {
 
     #[test]
     fn failure_needs_a_board_and_a_time() {
-        let found = failure("front@8.0").unwrap();
-        assert_eq!((found.role, found.at), (Role::LEAD, 8000));
+        let found = |axles, text| {
+            let found = failure(Topology::new(axles).unwrap(), text)?;
+            Ok::<_, Error>((found.role, found.at))
+        };
+        assert_eq!(found(2, "front@8.0").unwrap(), (Role::LEAD, 8000));
+        assert_eq!(found(2, "rear@1").unwrap(), (Role::axle(1), 1000));
+        assert_eq!(found(4, "rear@1").unwrap(), (Role::axle(3), 1000));
+        assert_eq!(found(3, "axle-2@1").unwrap(), (Role::axle(1), 1000));
+        assert_eq!(found(3, "beam-2@1").unwrap(), (Role::beam(1), 1000));
+        let why = found(3, "beam@1").unwrap_err().to_string();
+        assert!(
+            why.contains("front, axle-2, rear, beam-1 or beam-2"),
+            "{why}"
+        );
         for bad in [
-            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
+            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9", "axle-2@1", "beam-1@1",
         ] {
-            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
+            assert_eq!(found(2, bad).unwrap_err().exit_code(), 2, "{bad}");
         }
     }
 }

@@ -84,6 +84,12 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         ));
     }
     let scenario = args.scenario.load()?;
+    let axles = scenario.robot.geometry.axles;
+    if axles > 2 {
+        return Err(Error::input(format!(
+            "robot.geometry.axles = {axles}: must be 2 with calibrate, whose procedures move one pair of axles"
+        )));
+    }
     args.scenario
         .given()?
         .check(&[], &[(&scenario, Use::Calibrate)])?;

@@ -1,6 +1,6 @@
 //! `cfmmr campaign`: computes a Monte Carlo study over variations of a scenario, in any number of shards.
 
-use super::arguments::{JsonArgs, WorldChoice};
+use super::arguments::{AxlesArg, JsonArgs, WorldChoice};
 use crate::experiments::Workers;
 use crate::experiments::campaign::directory::Directory;
 use crate::experiments::campaign::parts;
@@ -11,6 +11,7 @@ use crate::experiments::result::Provenance;
 use clap::{Args, Subcommand};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
+use host_sim::base::toml_file;
 use host_sim::scenario::own::Own;
 use output::terminal::print;
 use std::ffi::OsString;
@@ -29,6 +30,9 @@ pub struct CampaignArgs {
     /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
+    /// Option that sets the number of axles.
+    #[command(flatten)]
+    pub axles: AxlesArg,
     /// Compute part I of N, counted from 0 [default: the part of the Slurm or Kubernetes job, else all parts]
     #[arg(long, value_name = "I/N")]
     pub shard: Option<String>,
@@ -104,6 +108,11 @@ fn shard(
     if let Some(world) = &args.choice.world {
         let world = world.clone().into();
         study.scenario.insert("world".to_owned(), world);
+        study.check()?;
+    }
+    let axles = toml_file::changes(&args.axles.changes(&[])?)?;
+    if !axles.is_empty() {
+        toml_file::merge_config(&mut study.scenario, axles);
         study.check()?;
     }
     study.set_own(own)?;

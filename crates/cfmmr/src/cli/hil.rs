@@ -62,7 +62,9 @@ pub fn run(args: &HilArgs, own: &Own) -> Result<(), Error> {
     let mut context = args.common.context("hil", own)?;
     args.boards.check()?;
     let mission = prepare(args, &mut context)?;
-    let plan = args.plan.plan(MIN_DURATION_S)?;
+    let plan = args
+        .plan
+        .plan(context.scenario.robot.topology(), MIN_DURATION_S)?;
     if !context.scenario.world.bus.quantise {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards in the loop",
@@ -97,10 +99,15 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     }
     let scenario = &mut context.scenario;
     args.drive.sensors.apply(scenario);
-    if !scenario.mission.rps && args.boards.on.port(Role::beam(0)).is_some() {
-        return Err(Error::input(
-            "--on serial: beam=PORT: must be left out without the relative position sensor (--no-rps)",
-        ));
+    let robot = scenario.robot.topology();
+    args.boards.on.check(robot)?;
+    let mut beams = robot.frames().map(Role::Beam);
+    let port = beams.find(|beam| args.boards.on.port(robot, *beam).is_some());
+    if let Some(beam) = port.filter(|_| !scenario.mission.rps) {
+        return Err(Error::input(format!(
+            "--on serial: {}=PORT: must be left out without the relative position sensor (--no-rps)",
+            robot.name(beam)
+        )));
     }
     let (path, path_mode) = match (&args.follow, &args.track) {
         (Some(path), _) => (path, PathMode::Follow),

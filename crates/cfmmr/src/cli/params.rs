@@ -6,7 +6,7 @@ use crate::experiments::run::links::{Links, flash_of};
 use crate::experiments::run::place::ROBOT;
 use clap::{Args, Subcommand, ValueEnum};
 use core_algos::link::Identity;
-use core_algos::params::{Parameter, Settings, Source, TABLE};
+use core_algos::params::{BoardKind, Parameter, Settings, Source, TABLE};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::base::input;
@@ -177,7 +177,7 @@ fn at_each(
             None => {
                 let build = env!("CARGO_PKG_VERSION");
                 let file = flash_of(&target.flash, name);
-                Box::new(Loopback::keeping(Identity { build, role }, &file)?)
+                Box::new(Loopback::keeping(ROBOT, Identity { build, role }, &file)?)
             }
         };
         let mut remote = Remote::new(ROBOT, role, link);
@@ -203,7 +203,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     let json = target.json.open()?;
     let mut rows = Vec::new();
     at_each(target, |role, remote| {
-        let base = Settings::of(role);
+        let base = Settings::of(BoardKind::of(role));
         for kept in remote.parameters()? {
             let BoardParameter {
                 parameter,

@@ -1,6 +1,6 @@
 //! `cfmmr soak`: drives for hours and checks the drift of the NIS and the growth of memory.
 
-use super::arguments::{JsonArgs, WorldChoice};
+use super::arguments::{AxlesArg, JsonArgs, WorldChoice};
 use crate::experiments::result::Provenance;
 use crate::experiments::run::place::BoardPlace;
 use crate::experiments::soak;
@@ -33,6 +33,9 @@ pub struct SoakArgs {
     /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
+    /// Option that sets the number of axles.
+    #[command(flatten)]
+    pub axles: AxlesArg,
     /// Drive for this number of ticks of 1 ms
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
@@ -199,7 +202,12 @@ pub fn run(args: &SoakArgs, own: &Own) -> Result<(), Error> {
     if !in_process {
         own.check_outside("--on virtual")?;
     }
-    let mut scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
+    let mut scenario = soak::scenario(
+        args.choice.world.as_deref(),
+        &args.axles.changes(&[])?,
+        in_process,
+    )?;
+    own.check_axles(scenario.robot.topology())?;
     scenario.own = own.clone();
     let interrupt = watch_for_interrupt()?;
     let progress = Progress::new(soak::pieces(), "soak");

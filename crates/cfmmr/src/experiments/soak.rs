@@ -54,8 +54,12 @@ pub const MAX_RELATIVE_ERROR_RAD: f64 = 10e-3;
 const MAX_END_NEES: f64 = 16.27;
 
 /// Scenario of the soak: all sensors, all noise; with in-process boards the bus loses at least 1 % of the frames.
-pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error> {
-    let mut scenario = Scenario::in_world(world)?;
+pub fn scenario(
+    world: Option<&str>,
+    changes: &[String],
+    in_process: bool,
+) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::parse(world, "", "scenario", changes)?;
     scenario.mission.settle_s = 0.0;
     scenario.world.sensors.gyro.fitted = true;
     scenario.world.sensors.accelerometer.fitted = true;
@@ -85,9 +89,9 @@ pub struct Window {
     pub sigma_m: f64,
     /// Largest estimated standard deviation of the heading in the window, rad.
     pub sigma_rad: f64,
-    /// Root mean square error of the relative position of the axles, m.
+    /// Root mean square error of the relative position of neighbouring axles, m.
     pub relative_m: f64,
-    /// Root mean square error of the relative heading of the axles, rad.
+    /// Root mean square error of the relative heading of neighbouring axles, rad.
     pub relative_rad: f64,
     /// Number of goals reached.
     pub reached: u64,
@@ -288,11 +292,12 @@ impl Soak<'_> {
     /// Adds the lead's estimates to the sums.
     fn observe(&mut self, record: &Record) {
         let fused = record.lead.fused;
-        let truth = record.frames[0].relative;
-        let relative_posture = fused.front.posture.relative_to(fused.rear.posture);
-        let [x, y, phi] =
-            [relative_posture.x, relative_posture.y, relative_posture.phi].map(f64::from);
-        let turned = libm::remainder(phi - truth[2], std::f64::consts::TAU);
+        let frames = record.frames.len().max(1) as f64;
+        let mut relative = [0.0; 2];
+        for [x, y, phi] in record.relative_errors() {
+            relative[0] += (square(x) + square(y)) / frames;
+            relative[1] += square(libm::remainder(phi, std::f64::consts::TAU)) / frames;
+        }
         let covariance = &fused.robot.covariance;
         let variance = |i: usize| f64::from(covariance[i][i]);
         for sums in [&mut self.sums, &mut self.piece] {
@@ -303,8 +308,8 @@ impl Soak<'_> {
             }
             sums.variance[0] = sums.variance[0].max(variance(0)).max(variance(1));
             sums.variance[1] = sums.variance[1].max(variance(2));
-            sums.relative[0] += square(x - truth[0]) + square(y - truth[1]);
-            sums.relative[1] += square(turned);
+            sums.relative[0] += relative[0];
+            sums.relative[1] += relative[1];
             sums.epochs += 1;
         }
     }

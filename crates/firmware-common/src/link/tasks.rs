@@ -5,10 +5,9 @@ use core::future::pending;
 use core_algos::link::protocol::StackUse;
 use core_algos::link::run_link::REPORT_MS;
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Identity, RunLink, SimLink};
-use core_algos::node::board::{Board, Ready};
+use core_algos::link::{Identity, RunLink, SessionNodes};
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_futures::select::{Either3, select3};
 use embassy_stm32::Peri;
@@ -65,22 +64,21 @@ impl Link {
     /// Starts the link task of a board that drives with nodes of this configuration.
     pub fn start_driving(
         self,
-        config: &RobotConfig,
+        config: &'static RobotConfig,
         service: ServicePort,
         end: LinkEnd,
         spawner: Spawner,
     ) {
-        static CONFIG: StaticCell<RobotConfig> = StaticCell::new();
-        let config = CONFIG.init_with(|| *config);
         spawner.spawn(drive(self, config, service, end).expect("spawned once"));
     }
 
-    /// Starts a session; `bus` is given for a session over the bus.
+    /// Starts a session with its nodes in `nodes`; `bus` is given for a session over the bus.
     pub fn start_session(
         self,
         watchdog: Watchdog,
         parameters: &'static mut Parameters,
         bus: Option<Bus>,
+        nodes: &'static mut dyn SessionNodes,
         spawner: Spawner,
     ) {
         let service = bus.map(|bus| {
@@ -88,12 +86,7 @@ impl Link {
             spawner.spawn(task.expect("spawned once"));
             bus.service
         });
-        spawner.spawn(serve(self, service, watchdog, parameters).expect("spawned once"));
-    }
-
-    /// Puts the nodes of a board that drives into the static memory that a session uses for its nodes.
-    pub fn place(&self, nodes: Ready) -> &'static mut Board {
-        sim_link(self.identity).begin(nodes)
+        spawner.spawn(serve(self, service, watchdog, parameters, nodes).expect("spawned once"));
     }
 }
 
@@ -146,6 +139,7 @@ async fn serve(
     service: Option<ServicePort>,
     watchdog: Watchdog,
     parameters: &'static mut Parameters,
+    nodes: &'static mut dyn SessionNodes,
 ) -> ! {
     let Link { uart, identity } = link;
     let role = identity.role;
@@ -155,9 +149,10 @@ async fn serve(
     };
     let mut ports = Ports { uart, service };
     let (mut feeder, mut extension) = watchdog.split();
-    let sim_link = sim_link(identity);
+    let sim_link = sim_link(identity, nodes);
     sim_link.load(parameters.contents());
-    defmt::info!("{}: session", Topology::PAIR.name(role));
+    let robot = parameters.settings.robot.topology();
+    defmt::info!("{}: session", robot.name(role));
     let mut buffer = [0; 256];
     let (mut asked, mut reported) = (Instant::now(), Instant::now());
     loop {
@@ -194,11 +189,14 @@ async fn serve(
     }
 }
 
-/// Simulation link in static memory. Not inlined, so that its 20 kB, if built on the stack, enlarge no caller's frame.
+/// Simulation link of an image, with the nodes elsewhere in its memory.
+type SimLink = core_algos::link::SimLink<&'static mut dyn SessionNodes>;
+
+/// Simulation link in static memory. Not inlined, so that its 6 kB, if built on the stack, enlarge no caller's frame.
 #[inline(never)]
-fn sim_link(identity: Identity) -> &'static mut SimLink {
+fn sim_link(identity: Identity, nodes: &'static mut dyn SessionNodes) -> &'static mut SimLink {
     static SIM_LINK: StaticCell<SimLink> = StaticCell::new();
-    SIM_LINK.init_with(|| SimLink::new(identity, stack_use))
+    SIM_LINK.init_with(|| SimLink::with_nodes(identity, stack_use, nodes))
 }
 
 /// Logs the stack use and returns it for the host.

@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::params::{Contents, Disarmed, Settings, StoreReport};
+use core_algos::params::{BoardKind, Contents, Disarmed, Settings, StoreReport};
 use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
@@ -70,22 +70,23 @@ fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
 /// Parameters of the board and their store in flash.
 pub struct Parameters {
     store: Store<Region>,
-    /// Settings of the board if the store is empty.
-    base: Settings,
+    kind: BoardKind,
     /// Settings that the nodes use.
     pub settings: Settings,
     /// State of the store at the start.
     pub report: StoreReport,
+    /// Role of the board, by its kind and its stored place.
+    pub role: Role,
 }
 
 impl Parameters {
-    /// Loads the parameters; call it once. Lost and invalid values are replaced by their defaults. All values are, if
-    /// they make no valid node together. The report and the log show that. The core itself reads the flash, so the call
-    /// does not wait.
-    pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
-        let parameters = Self::unread(flash, role);
+    /// Loads the parameters and finds the role; call it once. Lost and invalid values are replaced by their defaults.
+    /// All values are, the place too, if they make no valid node together. The report and the log show that. The core
+    /// itself reads the flash, so the call does not wait.
+    pub fn load(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
+        let parameters = Self::unread(flash, kind);
         parameters.read();
-        parameters.settle(role);
+        parameters.settle();
         log(&parameters.report);
         parameters
     }
@@ -93,16 +94,14 @@ impl Parameters {
     // `load` calls these steps in turn. They are not inlined, so that each step frees its stack for the next.
 
     #[inline(never)]
-    fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
+    fn unread(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
         static PARAMETERS: StaticCell<Parameters> = StaticCell::new();
-        PARAMETERS.init_with(|| {
-            let base = Settings::of(role);
-            Self {
-                store: open(flash),
-                base,
-                settings: base,
-                report: StoreReport::default(),
-            }
+        PARAMETERS.init_with(|| Self {
+            store: open(flash),
+            kind,
+            settings: Settings::of(kind),
+            report: StoreReport::default(),
+            role: kind.unplaced(),
         })
     }
 
@@ -112,10 +111,12 @@ impl Parameters {
     }
 
     #[inline(never)]
-    fn settle(&mut self, role: Role) {
+    fn settle(&mut self) {
+        let kind = self.kind;
         let contents = self.store.contents();
-        let check = |settings: &Settings| settings.check(role);
-        (self.settings, self.report) = contents.resolve(&self.base, check);
+        let check = |settings: &Settings| settings.check_role(kind).map(|_| ());
+        (self.settings, self.report) = contents.resolve(&Settings::of(kind), check);
+        self.role = self.settings.role(kind).unwrap_or(kind.unplaced());
     }
 
     /// Saves the settings; true on success. The core itself writes the flash: only interrupts run meanwhile.
@@ -127,7 +128,7 @@ impl Parameters {
     /// Writes settings to the store; returns the number of values written, or `None` on an error.
     #[inline(never)]
     pub(crate) fn write(&mut self, settings: &Settings, off: Disarmed) -> Option<usize> {
-        let saved = block_on(self.store.save(settings, &self.base, off));
+        let saved = block_on(self.store.save(settings, &Settings::of(self.kind), off));
         saved
             .inspect_err(|error| warn!("parameters not saved: {}", defmt::Debug2Format(error)))
             .ok()

@@ -61,8 +61,8 @@ pub struct AxleMotion {
 /// Properties of an axle board's parts that differ between axles.
 #[derive(Clone, Debug)]
 pub struct AxleParts {
-    /// True if the strap marks the rear axle.
-    pub rear: bool,
+    /// True if the strap is at ground: an axle other than the front axle.
+    pub grounded: bool,
     /// Lines of the encoders per revolution.
     pub lines: u32,
     /// Phases of the encoders (left, right), counts.
@@ -89,7 +89,7 @@ impl AxleParts {
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
         Self {
-            rear: axle != AxleId(0),
+            grounded: axle != AxleId(0),
             lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
             phase: drawn.encoder_phase[k],
             inertial: gyro.fitted.then(|| InertialConfig {
@@ -201,7 +201,7 @@ impl AxleBoard {
             button: Contact::new(false, BOUNCE, seed(5)),
             serial: SerialLine::default(),
             led: Vec::new(),
-            strap: (parts.rear, false),
+            strap: (parts.grounded, false),
             driver_events: Vec::new(),
             faults: [Drive::Open; 2],
             fresh: true,

@@ -1,20 +1,16 @@
 //! Stored parameters of a calibrated robot's board, in the format that the board itself writes.
 
 use super::beam::{BridgeParts, zero};
+use crate::link::stored_flash;
 use core_algos::acquisition::oversampling::FULL_SCALE;
-use core_algos::params::{Button, Disarmed, Settings, TABLE};
+use core_algos::params::{BoardKind, Button, Settings, TABLE};
 use core_algos::topology::Role;
-use firmware_common::store::Store;
-use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 use host_sim::world::drawn::{Drawn, FrameErrors};
 
-/// Size of a flash sector, bytes. The store has sectors 1 to 3.
-const SECTOR: usize = 16 << 10;
-const SECTORS: usize = 3;
-/// Offset of the store's first sector in the flash, bytes.
-pub const FIRST: usize = SECTOR;
+/// Offset of the store's first sector in the flash, bytes. The store has sectors 1 to 3.
+pub const FIRST: usize = 16 << 10;
 
 /// Contents of the flash sectors that hold a board's parameters in a scenario.
 pub fn sectors(
@@ -22,25 +18,18 @@ pub fn sectors(
     role: Role,
     (drawn, bridges): &(Drawn, Vec<Vec<BridgeParts>>),
 ) -> Result<Vec<u8>, Error> {
-    let base = Settings::of(role);
+    let base = Settings::of(BoardKind::of(role));
     let mut settings = configured_settings(scenario, role)?;
     if let Role::Beam(frame) = role {
         let (bridges, drawn) = (&bridges[frame.index()], &drawn.frames[frame.index()]);
         calibrate(scenario, &mut settings, bridges, drawn)?;
     }
-    let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
-    let flash = Flash::<SECTOR>::new(SECTORS, 1);
-    let range = flash.range();
-    let store = Store::new(flash, range);
-    let mut store = store.ok_or_else(|| Error::Failure("store: its sectors".to_owned()))?;
-    run(store.save(&settings, &base, off))
-        .map_err(|error| Error::Failure(format!("store: {error:?}")))?;
-    Ok(store.into_flash().bytes)
+    stored_flash(&settings, &base)
 }
 
 /// Settings of a board in a scenario. Settings without a board parameter must keep their default.
 fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
-    let mut configured = Settings::new(scenario.completed_robot());
+    let mut configured = Settings::new(scenario.completed_robot()).placed(role);
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
     configured.button = Button {
         start,
@@ -48,7 +37,7 @@ fn configured_settings(scenario: &Scenario, role: Role) -> Result<Settings, Erro
         ..Button::default()
     };
     scenario.boards.apply(role, &mut configured)?;
-    let mut settings = Settings::of(role);
+    let mut settings = Settings::of(BoardKind::of(role));
     for parameter in TABLE
         .iter()
         .filter(|parameter| !is_calibrated(parameter.name))
@@ -121,6 +110,24 @@ mod tests {
         };
         assert_eq!(radius(Role::axle(1)), 0.07);
         assert_eq!(radius(Role::axle(0)), 0.073);
+    }
+
+    /// The place read from the stored bytes is the place of the board, for each number of axles.
+    #[test]
+    fn each_board_stores_its_place_and_the_number_of_axles() {
+        for axles in 2..=5 {
+            let set = [format!("robot.geometry.axles={axles}")];
+            let scenario = Scenario::parse(None, "", "test", &set).unwrap();
+            let robot = scenario.robot.topology();
+            for role in robot.boards() {
+                let settings = configured_settings(&scenario, role).unwrap();
+                let kind = BoardKind::of(role);
+                assert_eq!(settings.check_role(kind), Ok(role));
+                assert_eq!(settings.robot.geometry.axles, axles);
+                let blank = crate::link::placed_flash(robot, role).unwrap();
+                assert_eq!(blank.iter().all(|byte| *byte == 0xff), axles == 2);
+            }
+        }
     }
 
     #[test]

@@ -14,10 +14,11 @@ use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, intersection, joint};
 use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
 use core_algos::node::board::{Ready, Samples};
+use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
-use core_algos::time::{EPOCH, EPOCH_S, LEAD_PHASE, TICK};
-use core_algos::topology::Role;
+use core_algos::time::{EPOCH, EPOCH_S, TICK};
+use core_algos::topology::{Role, Topology};
 use semihosting::println;
 
 /// Measures all algorithms. Each group has its own function that is not inlined: the sum of the stack frames would
@@ -258,7 +259,7 @@ fn boards(counter: &mut Counter) {
         let nodes = ready(role);
         let mut board = nodes.begin();
         let mut outbox = Outbox::new();
-        let [mut plain, mut epoch, mut lead] = [Total::default(); 3];
+        let [mut plain, mut epoch, mut step] = [Total::default(); 3];
         for tick in 0..400u64 {
             let now = tick * TICK;
             let samples = match role {
@@ -277,7 +278,7 @@ fn boards(counter: &mut Counter) {
             let cost = counter.cost(|| board.step(now, &black_box(samples), &mut outbox));
             match now % EPOCH {
                 0 => epoch.add(cost),
-                LEAD_PHASE => lead.add(cost),
+                phase if phase == lead::step_phase(Topology::PAIR) => step.add(cost),
                 _ => plain.add(cost),
             }
         }
@@ -286,7 +287,7 @@ fn boards(counter: &mut Counter) {
             Role::Axle(_) => ["tick_rear", "tick_rear_epoch", ""],
             Role::Beam(_) => ["tick_beam", "tick_beam_epoch", ""],
         };
-        for (total, name) in [plain, epoch, lead].iter().zip(names) {
+        for (total, name) in [plain, epoch, step].iter().zip(names) {
             if !name.is_empty() {
                 total.print(name);
             }

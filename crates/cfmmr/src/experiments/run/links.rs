@@ -44,6 +44,7 @@ impl<'a> Links<'a> {
         baud: u32,
         flash: Option<PathBuf>,
     ) -> Result<Self, Error> {
+        place.check(robot)?;
         let images = match place {
             BoardPlace::Virtual => Some(Images::open(None, None)?),
             _ => None,
@@ -59,7 +60,7 @@ impl<'a> Links<'a> {
 
     /// Board through whose port a board is reached; `None` if no board has a port.
     pub fn port_of(&self, role: Role) -> Option<Role> {
-        let has_port = |role: &Role| self.place.port(*role).is_some();
+        let has_port = |role: &Role| self.place.port(self.robot, *role).is_some();
         let any = self.robot.boards().find(has_port);
         Some(role).filter(has_port).or(any)
     }
@@ -79,12 +80,12 @@ impl<'a> Links<'a> {
     /// Direct link to a board; `None` if the board has no port and is not virtual.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
         let name = self.robot.name(role);
-        Ok(match (&self.images, self.place.port(role)) {
+        Ok(match (&self.images, self.place.port(self.robot, role)) {
             (Some(images), _) => {
                 let flash = self.flash.as_ref().map(|flash| flash_of(flash, name));
                 Some(Box::new(VirtualLink::start(
                     images,
-                    role,
+                    (self.robot, role),
                     log,
                     flash.as_deref(),
                 )?))

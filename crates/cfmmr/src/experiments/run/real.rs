@@ -80,14 +80,15 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
 /// Opens the port of the front board, and the ports of the other recorded boards.
 fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<OtherBoard>), Error> {
     let (place, baud) = (&site.place, site.baud);
-    let Some(front) = place.port(Role::LEAD) else {
+    place.check(robot)?;
+    let Some(front) = place.port(robot, Role::LEAD) else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port commands the \
              robot; the other ports only record",
         ));
     };
     let others = robot.boards().filter(|role| *role != Role::LEAD);
-    let others = others.filter_map(|role| Some((role, place.port(role)?)));
+    let others = others.filter_map(|role| Some((role, place.port(robot, role)?)));
     if others.clone().next().is_some() && !records {
         return Err(Error::input(
             "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",

@@ -7,7 +7,7 @@ use crate::virtual_robot::{Options, store};
 use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
 use core_algos::params::stored::StoreReport;
-use core_algos::params::{Disarmed, Settings, TABLE};
+use core_algos::params::{BoardKind, Disarmed, Settings, TABLE};
 use core_algos::safety::Condition;
 use core_algos::topology::{FrameId, Node, Role};
 use firmware_common::store::Store;
@@ -128,11 +128,12 @@ fn settings_from_store(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
     let range = flash.range();
-    let base = Settings::of(role);
+    let kind = BoardKind::of(role);
+    let base = Settings::of(kind);
     let Some(mut store) = Store::new(flash, range) else {
         return (base, StoreReport::default());
     };
-    let check = |settings: &Settings| settings.check(role);
+    let check = |settings: &Settings| settings.check_role(kind).map(|_| ());
     run(store.load()).resolve(&base, check)
 }
 
@@ -301,7 +302,7 @@ pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> TrialResult {
 /// Store of a beam board that is full: the next save of the zeros erases a sector.
 fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = acknowledging_bench(campaign, seed)?.read_store(Role::beam(0));
-    let base = Settings::of(Role::beam(0));
+    let base = Settings::of(BoardKind::Beam);
     let mut settings = settings_from_store(&bytes, Role::beam(0)).0;
     for round in 0..10_000 {
         for parameter in TABLE.iter().filter(|p| p.name.contains("zero_counts")) {
