@@ -193,6 +193,13 @@ pub struct Topology {
     axles: u8,
 }
 
+impl Default for Topology {
+    /// Two axles.
+    fn default() -> Self {
+        Self::PAIR
+    }
+}
+
 impl Topology {
     /// Two axles, joined by one frame.
     pub const PAIR: Self = Self { axles: 2 };

@@ -275,8 +275,9 @@ fn logged<T: Logged>(
     let failure = Failure::new(interrupt.clone());
     let scenario = parts.in_boards(py, scenario, &failure);
     py.detach(|| {
-        let mut log = Columns::new(csv::record_columns());
-        let rows = csv::RecordRows::default();
+        let robot = scenario.inner.robot.topology();
+        let mut log = Columns::new(csv::record_columns(robot));
+        let rows = csv::RecordRows::new(robot);
         let (mut signal, mut epochs) = (Ok(()), 0);
         let observe = |record: &Record| {
             log.push(rows.cells(record));

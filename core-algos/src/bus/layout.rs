@@ -23,8 +23,41 @@ pub struct OnBus {
     pub layout: &'static Layout,
     /// Node that sends the message.
     pub sender: Node,
+    /// Number of periods of the layout between two messages.
+    spacing: u16,
     /// Suffix of the name: axle, frame, board or node; empty for a message of the robot.
     suffix: &'static str,
+}
+
+/// Epochs between two uncertainties of a board. From four axles on, an uncertainty in each epoch would load the bus by
+/// up to 67 %.
+pub const fn uncertainty_epochs(topology: Topology) -> u8 {
+    match topology.axle_count() {
+        ..4 => 1,
+        _ => 5,
+    }
+}
+
+/// True in the epochs in which a board sends its uncertainty. The boards, by number of axle or frame, take turns.
+pub const fn is_uncertainty_due(epochs: u8, sequence: u8, number: u8) -> bool {
+    epochs <= 1 || sequence.wrapping_add(number).is_multiple_of(epochs)
+}
+
+impl OnBus {
+    /// Period, ms; 0 if the message is sent only on request.
+    pub const fn period_ms(&self) -> u16 {
+        self.layout.period_ms * self.spacing
+    }
+
+    /// Age from which the content is not used, ms; 0 if there is none.
+    pub const fn timeout_ms(&self) -> u16 {
+        self.layout.timeout_ms * self.spacing
+    }
+
+    /// Worst-case load of the message, bit/s; 0 if the message is sent on request.
+    pub fn bits_per_second(&self) -> f32 {
+        self.layout.bits_per_second() / f32::from(self.spacing)
+    }
 }
 
 impl fmt::Display for OnBus {
@@ -73,6 +106,10 @@ fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<On
         sender: match (layout.sender, owner) {
             (Sender::Node(node), _) => node,
             (Sender::Own, owner) => owner?,
+        },
+        spacing: match layout.id {
+            id::AXLE_UNCERTAINTY | id::BEAM_UNCERTAINTY => uncertainty_epochs(topology).into(),
+            _ => 1,
         },
         suffix: owner.map_or("", |owner| suffix(topology, layout.of, owner)),
     })
@@ -146,7 +183,7 @@ pub const fn timeout_s(id: u16) -> f32 {
 
 /// Worst-case bus load of all periodic messages of a robot, 0 to 1.
 pub fn load(topology: Topology, bit_rate: f32) -> f32 {
-    let bits = messages(topology).map(|message| message.layout.bits_per_second());
+    let bits = messages(topology).map(|message| message.bits_per_second());
     bits.sum::<f32>() / bit_rate
 }
 
@@ -244,5 +281,11 @@ mod tests {
         }
         let load = load(Topology::PAIR, BIT_RATE as f32);
         assert!(load > 0.1 && load < 0.5, "{load}");
+        // Share of a bus with 2 to 5 axles, from the periods and lengths of all messages, %.
+        let loads = [2, 3, 4, 5].map(|axles| {
+            let robot = Topology::new(axles).unwrap();
+            (100.0 * self::load(robot, BIT_RATE as f32)).round()
+        });
+        assert_eq!(loads, [26.0, 39.0, 45.0, 57.0]);
     }
 }

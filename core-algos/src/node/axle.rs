@@ -22,13 +22,14 @@ use super::Outbox;
 use super::peers::{self, Peers};
 use crate::acquisition::icm42688::DELAY_S;
 use crate::bus::field::wrap_position;
-use crate::bus::{LeadMode, Message};
+use crate::bus::{LeadMode, Message, layout};
 use crate::control::cascade::AxleReference;
 use crate::control::disturbance::Observer;
 use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
 use crate::fusion::standstill::{Bias, RestDetector, RestTimes, Zeroing};
+use crate::math::matrix::{Mat3, add, scale};
 use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Conditions, Permit, ramp};
@@ -124,6 +125,8 @@ pub struct State {
     refused: u8,
     gyro_samples: u8,
     gyro_zeroed: bool,
+    /// Sum of the covariances that are not reported, and number of their epochs.
+    unreported: (Mat3, u8),
     mode: Option<Stamped<LeadMode>>,
     /// True once the lead node has sent the mode idle or clear since this node's start.
     paused: bool,
@@ -498,14 +501,33 @@ impl AxleNode {
             gyro_zeroed: self.state.gyro_zeroed,
             uptime: u8::try_from(epochs).unwrap_or(u8::MAX),
         });
-        outbox.push(Message::AxleUncertainty {
-            axle,
-            sequence,
-            covariance,
-        });
+        let epochs = layout::uncertainty_epochs(self.topology);
+        if epochs == 1 {
+            outbox.push(Message::AxleUncertainty {
+                axle,
+                sequence,
+                covariance,
+            });
+        } else {
+            self.report_mean(sequence, &covariance, epochs, outbox);
+        }
         self.state.refused = 0;
         self.state.gyro_samples = 0;
         self.state.gyro_zeroed = false;
+    }
+
+    /// Sends the mean covariance of the epochs since the latest report of it, every `epochs` epochs.
+    fn report_mean(&mut self, sequence: u8, of_epoch: &Mat3, epochs: u8, outbox: &mut Outbox) {
+        let (sum, count) = &mut self.state.unreported;
+        (*sum, *count) = (add(sum, of_epoch), count.saturating_add(1));
+        if layout::is_uncertainty_due(epochs, sequence, self.axle.0) {
+            outbox.push(Message::AxleUncertainty {
+                axle: self.axle,
+                sequence,
+                covariance: scale(sum, 1.0 / f32::from(*count)),
+            });
+            self.state.unreported = Default::default();
+        }
     }
 
     fn twist(&self, [left, right]: [f32; 2]) -> Twist {

@@ -8,12 +8,12 @@
 use super::{Outbox, peers};
 use crate::beam::health::Fault;
 use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor, sensor};
-use crate::bus::{LeadMode, Message};
+use crate::bus::{LeadMode, Message, layout};
 use crate::math::{Posture, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, StateRequest};
 use crate::time::{Micros, is_epoch_start, sequence};
-use crate::topology::{FrameId, Node};
+use crate::topology::{FrameId, Node, Topology};
 
 /// Readings of the beam board's sensors at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,6 +39,8 @@ impl From<[i32; MAX_GAUGES]> for Samples {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamNode {
     frame: FrameId,
+    /// Epochs between two uncertainties.
+    uncertainty_epochs: u8,
     sensor: RelativePositionSensor,
     supervisor: Supervisor,
     state: State,
@@ -53,13 +55,21 @@ struct State {
     found: Conditions,
     /// True if faults are to be cleared at the next step.
     clear: bool,
+    /// Number of gauges of the latest uncertainty on the bus.
+    stated_gauges: u8,
 }
 
 impl BeamNode {
-    /// Creates the node of a frame with its sensor.
-    pub fn new(frame: FrameId, sensor: RelativePositionSensor, supervisor: Supervisor) -> Self {
+    /// Creates the node of a frame of a robot with its sensor.
+    pub fn new(
+        topology: Topology,
+        frame: FrameId,
+        sensor: RelativePositionSensor,
+        supervisor: Supervisor,
+    ) -> Self {
         Self {
             frame,
+            uncertainty_epochs: layout::uncertainty_epochs(topology),
             sensor,
             supervisor,
             state: State::default(),
@@ -143,17 +153,23 @@ impl BeamNode {
             });
             return;
         };
-        // The covariance is sent first, so that a receiver of the posture has its covariance too.
-        outbox.push(Message::BeamUncertainty {
-            frame,
-            sequence,
-            covariance: relative.noise,
-        });
+        let gauges = estimate.used.count() as u8;
+        // The covariance is sent first, so that a receiver of the posture has its covariance too. It follows the bend,
+        // which changes little within a few epochs, and the gauges: a lost gauge is stated at once.
+        let due = layout::is_uncertainty_due(self.uncertainty_epochs, sequence, frame.0);
+        if due || gauges != self.state.stated_gauges {
+            self.state.stated_gauges = gauges;
+            outbox.push(Message::BeamUncertainty {
+                frame,
+                sequence,
+                covariance: relative.noise,
+            });
+        }
         outbox.push(Message::BeamPosture {
             frame,
             sequence,
             posture: relative.posture,
-            gauges: estimate.used.count() as u8,
+            gauges,
         });
         if let Some(wrench) = estimate.wrench {
             let wrench = wrench.significant(relative.posture);
@@ -180,6 +196,7 @@ mod tests {
 
     fn node() -> BeamNode {
         BeamNode::new(
+            Topology::PAIR,
             FrameId(0),
             Config::default().build().unwrap(),
             supervisor::Config::default().build().unwrap(),
@@ -294,6 +311,44 @@ mod tests {
             let lost = notices.contains(Condition::ConversionsLost);
             assert_eq!(lost, (20..=30).contains(&tick), "{tick}");
         }
+    }
+
+    /// From four axles on, every fifth epoch has a covariance, and so has the epoch in which a gauge is lost.
+    #[test]
+    fn covariance_of_four_axles_is_sent_every_fifth_epoch_and_when_a_gauge_is_lost() {
+        let robot = crate::topology::Topology::new(4).unwrap();
+        let sensor = Config::default().build().unwrap();
+        let supervisor = supervisor::Config::default().build().unwrap();
+        let mut node = BeamNode::new(robot, FrameId(1), sensor, supervisor);
+        let mut stated = Vec::new();
+        let (mut gauges, mut postures) = (Vec::new(), 0);
+        for tick in 1..=3000u64 {
+            let mut counts = [2048 + (tick % 2) as i32; MAX_GAUGES];
+            if tick > 2004 {
+                counts[1] = 0;
+            }
+            let mut outbox = Outbox::new();
+            node.step(tick * TICK, &counts.into(), &mut outbox);
+            for message in outbox.iter() {
+                match message {
+                    Message::BeamUncertainty { .. } => stated.push(tick / 10),
+                    Message::BeamPosture { gauges: used, .. } => {
+                        postures += 1;
+                        gauges.push(*used);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        assert_eq!(postures, 300);
+        let changes = gauges.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert_eq!(changes, 1, "the lost gauge");
+        let gap = stated.windows(2).map(|pair| pair[1] - pair[0]).max();
+        assert_eq!(gap, Some(5));
+        // Besides the regular ones: at the start, at the loss, and where the sequence number wraps.
+        assert!((60..=63).contains(&stated.len()), "{stated:?}");
+        let lost = gauges.iter().position(|used| *used < 5).unwrap() as u64 + 1;
+        assert!(stated.contains(&lost), "{lost}: {stated:?}");
     }
 
     #[test]

@@ -237,6 +237,7 @@ impl RobotConfig {
         // The beam board has no motors, so no parameter of its supervisor matters.
         let supervisor = supervisor::Config::default().build()?;
         Ok(beam::BeamNode::new(
+            self.topology(),
             frame,
             self.completed().beam.build()?,
             supervisor,

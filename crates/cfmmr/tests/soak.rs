@@ -7,7 +7,7 @@ use host_sim::run::simulation::Simulation;
 #[test]
 fn short_soak_has_no_problems() {
     let mut pieces = 0;
-    let scenario = soak::scenario(Some("ideal"), true).unwrap();
+    let scenario = soak::scenario(Some("ideal"), &[], true).unwrap();
     let mut robot = Simulation::new(&scenario, 5, 0).unwrap();
     let report = soak::run(&mut robot, &scenario, (400_000, 4, 5), &mut || {
         pieces += 1;

@@ -1,7 +1,8 @@
 //! CSV tables of runs: one row per epoch, or one row per run.
 
-use crate::entry::{LeadEntry, TruthEntry};
+use crate::entry::{AxleTruth, FrameTruth, LeadEntry, TruthEntry};
 use crate::schema::Schema;
+use core_algos::topology::{Role, Topology};
 use host_sim::run::end::RunEnd;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::path_run;
@@ -120,39 +121,87 @@ pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
 }
 
 /// Columns of [`RecordRows::cells`]: time, then the fields of the topics `/truth` and `/lead` under their paths in a log.
-/// Ticks and times of the topics are left out, because each row has one time.
-pub fn record_columns() -> Vec<String> {
+/// Ticks and times of the topics are left out, because each row has one time. With more than two axles follow the true
+/// state of each axle and frame, and the estimates of the axles between the first and the last.
+pub fn record_columns(robot: Topology) -> Vec<String> {
     let time = std::iter::once("time_s".to_owned());
-    time.chain(record_names().into_iter().flatten()).collect()
+    time.chain(record_names(robot).into_iter().flatten())
+        .collect()
 }
 
-/// Names of the fields of `/truth` and `/lead`; `None` for ticks and times.
-fn record_names() -> Vec<Option<String>> {
+/// Names of the fields of `/truth`, `/lead` and the topics of axles and frames; `None` for ticks and times.
+fn record_names(robot: Topology) -> Vec<Option<String>> {
     const TIMES: [&str; 3] = ["time_s", "tick", "epoch_s"];
-    let names = |topic: &'static str, schema: &Schema| {
+    let names = |topic: &str, schema: &Schema| -> Vec<Option<String>> {
         let columns = schema.columns().into_iter();
         columns
-            .map(move |name| (!TIMES.contains(&name.as_str())).then(|| format!("{topic}.{name}")))
+            .map(|name| (!TIMES.contains(&name.as_str())).then(|| format!("{topic}.{name}")))
+            .collect()
     };
-    let truth = names("truth", &TruthEntry::SCHEMA);
-    truth.chain(names("lead", &LeadEntry::SCHEMA)).collect()
+    let mut all = names("truth", &TruthEntry::SCHEMA);
+    all.extend(names("lead", &LeadEntry::SCHEMA));
+    if robot.axle_count() == 2 {
+        return all;
+    }
+    for board in robot.boards() {
+        let schema = match board {
+            Role::Axle(_) => &AxleTruth::SCHEMA,
+            Role::Beam(_) => &FrameTruth::SCHEMA,
+        };
+        all.extend(names(&format!("truth.{}", robot.name(board)), schema));
+    }
+    for inner in inner_names(robot) {
+        all.extend(["x_m", "y_m", "phi_rad"].map(|field| Some(format!("lead.{inner}.{field}"))));
+    }
+    all
 }
 
-/// Converts records to rows of [`record_columns`].
-pub struct RecordRows(Vec<bool>);
+/// Names of the axles between the first and the last.
+pub(crate) fn inner_names(robot: Topology) -> impl Iterator<Item = &'static str> {
+    let inner = robot.axles().take(robot.axle_count() - 1).skip(1);
+    inner.map(move |axle| robot.name(Role::Axle(axle)))
+}
 
-impl Default for RecordRows {
-    fn default() -> Self {
-        Self(record_names().iter().map(Option::is_some).collect())
-    }
+/// Converts records of a robot to rows of [`record_columns`].
+pub struct RecordRows {
+    robot: Topology,
+    /// True for a cell with a column.
+    own: Vec<bool>,
 }
 
 impl RecordRows {
+    /// Rows of this robot.
+    pub fn new(robot: Topology) -> Self {
+        Self {
+            robot,
+            own: record_names(robot).iter().map(Option::is_some).collect(),
+        }
+    }
+
     /// Cells of the record's row.
     pub fn cells(&self, record: &Record) -> impl Iterator<Item = Cell> {
-        let truth = TruthEntry::from(record).cells();
-        let lead = LeadEntry::new(0, record.time_s, &record.lead).cells();
-        let cells = truth.into_iter().chain(lead).zip(&self.0);
+        let mut all = TruthEntry::from(record).cells();
+        all.extend(LeadEntry::new(0, record.time_s, &record.lead).cells());
+        if self.robot.axle_count() > 2 {
+            let time = record.time_s;
+            all.extend(
+                record
+                    .axles
+                    .iter()
+                    .flat_map(|axle| AxleTruth::new(time, axle).cells()),
+            );
+            all.extend(
+                record
+                    .frames
+                    .iter()
+                    .flat_map(|frame| FrameTruth::new(time, frame).cells()),
+            );
+            for at in record.lead.inner.iter().take(self.robot.axle_count() - 2) {
+                let at = at.map(|at| [at.x, at.y, at.phi].map(|value| Cell::Double(value.into())));
+                all.extend(at.unwrap_or([const { Cell::Empty }; 3]));
+            }
+        }
+        let cells = all.into_iter().zip(&self.own);
         let own = cells.filter_map(|(cell, own)| own.then_some(cell));
         std::iter::once(Cell::from(record.time_s)).chain(own)
     }
@@ -160,8 +209,10 @@ impl RecordRows {
 
 /// CSV table of records, one row per record.
 pub fn of_records(records: &[Record]) -> Csv {
-    let mut csv = Csv::new(record_columns());
-    let rows = RecordRows::default();
+    let axles = records.first().map(|record| record.axles.len());
+    let robot = axles.and_then(Topology::new).unwrap_or_default();
+    let mut csv = Csv::new(record_columns(robot));
+    let rows = RecordRows::new(robot);
     for record in records {
         csv.row(rows.cells(record));
     }
@@ -172,7 +223,6 @@ pub fn of_records(records: &[Record]) -> Csv {
 mod tests {
     use super::*;
     use core_algos::node::lead;
-    use core_algos::topology::Topology;
 
     #[test]
     fn every_row_has_every_column() {
@@ -183,6 +233,29 @@ mod tests {
         // other values from `/lead`.
         assert_eq!(reader.headers().unwrap().len(), 85);
         // The reader rejects a row whose length differs from that of the header.
+        assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
+    }
+
+    #[test]
+    fn three_axles_have_columns_of_each_axle_and_frame() {
+        let robot = Topology::new(3).unwrap();
+        let record = Record::without_truth(0, robot, lead::Output::default());
+        let text = of_records(&[record.clone(), record]).into_bytes();
+        let mut reader = ::csv::Reader::from_reader(text.as_slice());
+        let columns = reader.headers().unwrap().clone();
+        // In addition: 7 of each axle, 7 and the strains of each frame, 3 of the inner axle's estimate.
+        let expected = 85 + 3 * 7 + 2 * (7 + core_algos::beam::MAX_GAUGES) + 3;
+        assert_eq!(columns.len(), expected);
+        for name in [
+            "truth.axle-2.axle.x_m",
+            "truth.beam-2.force_n[0]",
+            "lead.axle-2.phi_rad",
+        ] {
+            assert!(
+                columns.iter().any(|column| column == name),
+                "{name}: {columns:?}"
+            );
+        }
         assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
     }
 }

@@ -63,8 +63,8 @@ type Time = fn(&OnBus) -> u16;
 
 /// Attributes of a message, ms; 0 means "on request" for the cycle time and "no timeout" for the timeout.
 const TIMES: [(&str, Time); 2] = [
-    ("GenMsgCycleTime", |sent| sent.layout.period_ms),
-    ("MsgTimeout", |sent| sent.layout.timeout_ms),
+    ("GenMsgCycleTime", |sent| sent.period_ms()),
+    ("MsgTimeout", |sent| sent.timeout_ms()),
 ];
 
 fn message(robot: Topology, sent: &OnBus) -> String {

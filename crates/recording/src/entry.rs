@@ -12,8 +12,8 @@ use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};
-use core_algos::topology::Role;
-use host_sim::run::robot::Record;
+use core_algos::topology::{Node, Role, Topology};
+use host_sim::run::robot::{AxleRecord, FrameRecord, Record};
 use output::files::Cell;
 use serde::de::{DeserializeOwned, Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -23,8 +23,20 @@ use serde_json::Value;
 pub const ABOUT: &str = "cfmmr";
 /// Name of the metadata record that describes the end of the run.
 pub const END: &str = "cfmmr.end";
-/// Version of the log's format; it changes with every change of a message.
-pub const FORMAT: &str = "3";
+/// Version of the format of a log of two axles; it changes with every change of a message.
+const FORMAT: &str = "3";
+/// Version of the format of a log of more axles, with topics of each axle and frame.
+const FORMAT_OF_CHAIN: &str = "4";
+/// Versions that this program reads.
+pub const FORMATS: [&str; 2] = [FORMAT, FORMAT_OF_CHAIN];
+
+/// Version of the format of a robot's log.
+pub fn format_of(robot: Topology) -> &'static str {
+    match robot.axle_count() {
+        2 => FORMAT,
+        _ => FORMAT_OF_CHAIN,
+    }
+}
 
 /// Single-precision value of a board. NaN and infinities are written as their bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -193,7 +205,6 @@ kinds! {
     Kind::Number => Exact, value: [Cell::Single(value.0)];
     Kind::Truth => bool, value: [Cell::from(*value)];
     Kind::Text => String, value: [Cell::Text(value.clone())];
-    Kind::Text => Role, value: [word(value)];
     Kind::Text => LeadMode, value: [word(value)];
     Kind::Text => Phase, value: [word(value)];
     Kind::Text => OperatingState, value: [word(value)];
@@ -259,7 +270,7 @@ messages! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     pub struct BusEntry = "cfmmr.BusFrames", "Frames that a board sent on the bus at a tick" {
         tick: u32, "ms, common time of the boards; in process the time since the start";
-        board: Role, "front, rear or beam";
+        board: String, "front, rear or beam";
         frames: Vec<LoggedFrame>, "frames in order: name of the message as in the DBC, frame as identifier#data in hexadecimal, and message as the receivers decode it, in SI units as in its names";
     }
 
@@ -298,6 +309,23 @@ messages! {
         moment_nm: [f64; 2], "N m, moment of the frame at root and tip";
         strain: [f32; MAX_GAUGES], "1, measured strains from the root on; 0 where no gauge is fitted";
     }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct AxleTruth = "cfmmr.AxleTruth", "True state of an axle of a simulated robot with more than two axles" {
+        time_s: f64, "s";
+        axle: Pose, "midpoint of the axle, global coordinates";
+        wheel_speed_rad_s: [f64; 2], "rad/s: left, right";
+        torque_nm: [f64; 2], "N m at the wheels: left, right";
+    }
+
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct FrameTruth = "cfmmr.FrameTruth", "True state of a frame of a simulated robot with more than two axles, and measured strains" {
+        time_s: f64, "s";
+        relative: Pose, "axle ahead in the coordinates of the axle behind";
+        force_n: [f64; 2], "N, force of the frame on the axle behind, in the coordinates of that axle";
+        moment_nm: [f64; 2], "N m, moment of the frame at root and tip";
+        strain: [f32; MAX_GAUGES], "1, measured strains from the root on; 0 where no gauge is fitted";
+    }
 }
 
 /// A bus frame with its decoded message; replay reads only the frame.
@@ -310,7 +338,48 @@ pub struct LoggedFrame {
     pub frame: Can,
     /// Message as the receivers decode it; `None` if the frame does not decode.
     #[serde(skip_deserializing)]
-    pub message: Option<Message>,
+    pub message: Option<Decoded>,
+}
+
+/// Decoded message of a logged frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Decoded {
+    /// Message of a robot of two axles.
+    OfPair(Message),
+    /// Message of a robot of more axles, with the names of its boards and nodes.
+    Named(Value),
+}
+
+impl Decoded {
+    /// Message on the bus of `robot`.
+    pub fn new(robot: Topology, message: &Message) -> Self {
+        if robot.axle_count() == 2 {
+            return Self::OfPair(*message);
+        }
+        let mut value = serde_json::to_value(message).unwrap_or_default();
+        let bodies = value.as_object_mut().into_iter();
+        for body in bodies.flat_map(|kinds| kinds.values_mut()) {
+            for key in ["axle", "board", "node"] {
+                let Some(name) = body.get_mut(key) else {
+                    continue;
+                };
+                // Text names boards and nodes as those of two axles.
+                let named = |role: &Role| {
+                    let node = match *role {
+                        Role::Axle(axle) => Node::Axle(axle),
+                        Role::Beam(frame) => Node::Beam(frame),
+                    };
+                    let names = [serde_json::to_value(role), serde_json::to_value(node)];
+                    names.into_iter().flatten().any(|own| own == *name)
+                };
+                if let Some(role) = robot.boards().find(named) {
+                    *name = robot.name(role).into();
+                }
+            }
+        }
+        Self::Named(value)
+    }
 }
 
 /// Posture as JSON object: position and heading.
@@ -391,19 +460,57 @@ impl LeadEntry {
 }
 
 impl From<&Record> for TruthEntry {
+    /// Front and rear are the first and the last axle; force, moments and strains are those of the first frame.
     fn from(record: &Record) -> Self {
-        // The entry describes a two-axle robot.
-        let [front, rear] = [0, 1].map(|i| record.axles[i]);
-        let frame = record.frames[0];
+        let axle = |axle: Option<&AxleRecord>| axle.copied().unwrap_or_default();
+        let (front, rear) = (axle(record.axles.first()), axle(record.axles.last()));
+        let frame = record.frames.first().copied().unwrap_or_default();
         let four = |[left, right]: [f64; 2], rear: [f64; 2]| [left, right, rear[0], rear[1]];
+        let relative = match record.frames.len() {
+            1 => frame.relative,
+            _ => seen_from(front.posture, rear.posture),
+        };
         Self {
             time_s: record.time_s,
             robot: record.midpoint.into(),
             front: front.posture.into(),
             rear: rear.posture.into(),
-            relative: frame.relative.into(),
+            relative: relative.into(),
             wheel_speed_rad_s: four(front.wheel_speed, rear.wheel_speed),
             torque_nm: four(front.torque, rear.torque),
+            force_n: frame.wrench.force,
+            moment_nm: [frame.wrench.root_moment, frame.wrench.end_moment],
+            strain: frame.strain,
+        }
+    }
+}
+
+/// A posture in the coordinates of another posture: m, m, rad.
+fn seen_from([x, y, phi]: [f64; 3], [from_x, from_y, from_phi]: [f64; 3]) -> [f64; 3] {
+    let (s, c) = libm::sincos(from_phi);
+    let (dx, dy) = (x - from_x, y - from_y);
+    let turn = libm::remainder(phi - from_phi, std::f64::consts::TAU);
+    [c * dx + s * dy, c * dy - s * dx, turn]
+}
+
+impl AxleTruth {
+    /// Entry of an axle in a record of the time `time_s`.
+    pub fn new(time_s: f64, axle: &AxleRecord) -> Self {
+        Self {
+            time_s,
+            axle: axle.posture.into(),
+            wheel_speed_rad_s: axle.wheel_speed,
+            torque_nm: axle.torque,
+        }
+    }
+}
+
+impl FrameTruth {
+    /// Entry of a frame in a record of the time `time_s`.
+    pub fn new(time_s: f64, frame: &FrameRecord) -> Self {
+        Self {
+            time_s,
+            relative: frame.relative.into(),
             force_n: frame.wrench.force,
             moment_nm: [frame.wrench.root_moment, frame.wrench.end_moment],
             strain: frame.strain,

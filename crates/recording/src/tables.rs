@@ -67,7 +67,10 @@ impl Tables {
             robot,
             records: Vec::new(),
             axles: Csv::new(header(&["time_s", "board"], &AxleTick::SCHEMA)),
-            beam: Csv::new(header(&["time_s"], &BeamTick::SCHEMA)),
+            beam: Csv::new(match robot.frame_count() {
+                1 => header(&["time_s"], &BeamTick::SCHEMA),
+                _ => header(&["time_s", "board"], &BeamTick::SCHEMA),
+            }),
             zero: 0,
             bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
         })
@@ -88,9 +91,11 @@ impl Tables {
             Line::Zero(zero) => self.zero = *zero,
             _ if !self.all() => {}
             Line::Axle(role, tick) => self.axle(*role, tick),
-            Line::Beam(_, tick) => {
-                let time = self.seconds(tick.tick);
-                self.beam.row(std::iter::once(time).chain(tick.cells()));
+            Line::Beam(role, tick) => {
+                let name = Cell::from(self.robot.name(*role));
+                let name = Some(name).filter(|_| self.robot.frame_count() > 1);
+                let own = [self.seconds(tick.tick)].into_iter().chain(name);
+                self.beam.row(own.chain(tick.cells()));
             }
             Line::Frames { role, tick, frames } => {
                 frames

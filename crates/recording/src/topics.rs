@@ -1,7 +1,9 @@
 //! Table of a log's topics, from which the documentation is generated.
 
+use super::csv::inner_names;
 use super::entry::{
-    AxleTick, BeamTick, BusEntry, HostCommandEntry, LeadEntry, Off, Start, TruthEntry,
+    AxleTick, AxleTruth, BeamTick, BusEntry, FrameTruth, HostCommandEntry, LeadEntry, Off, Start,
+    TruthEntry,
 };
 pub use super::schema::Schema;
 use core_algos::topology::{Role, Topology};
@@ -58,6 +60,23 @@ pub fn topics(robot: Topology) -> Vec<Topic> {
         schema,
         rate,
     });
+    let is_chain = robot.axle_count() > 2;
+    let truths = robot
+        .boards()
+        .filter(move |_| is_chain)
+        .map(move |board| Topic {
+            name: truth_of(robot.name(board)),
+            schema: match board {
+                Role::Axle(_) => AxleTruth::SCHEMA,
+                Role::Beam(_) => FrameTruth::SCHEMA,
+            },
+            rate: "100 Hz",
+        });
+    let estimates = inner_names(robot).map(|name| Topic {
+        name: estimate_of(name),
+        schema: foxglove!("PoseInFrame", "estimated axle"),
+        rate: "100 Hz",
+    });
     let of_boards = |what: &'static str, rate, schema: fn(Role) -> Schema| {
         robot.boards().map(move |board| Topic {
             name: of_board(robot.name(board), what),
@@ -73,7 +92,21 @@ pub fn topics(robot: Topology) -> Vec<Topic> {
     let ticks = of_boards("tick", "1 kHz", tick);
     let offs = of_boards("off", "failures", |_| Off::SCHEMA);
     let of_boards = starts.chain(ticks).chain(offs);
-    of_robot.chain(of_boards).collect()
+    of_robot
+        .chain(truths)
+        .chain(estimates)
+        .chain(of_boards)
+        .collect()
+}
+
+/// Topic with the true state of the axle or frame of a board.
+pub(crate) fn truth_of(board: &str) -> String {
+    format!("/truth/{board}")
+}
+
+/// Topic with the estimated posture of the axle of a board.
+pub(crate) fn estimate_of(board: &str) -> String {
+    format!("/estimate/{board}")
 }
 
 /// Name of the topic `what` of a board.

@@ -107,7 +107,10 @@ fn legend() -> String {
 fn limits(runs: &[Run], [width, height]: [f64; 2]) -> ([f64; 2], f64) {
     let points = runs.iter().flat_map(|run| {
         let path = run.records.iter().map(|record| record.midpoint);
-        path.chain([run.goal])
+        // The axles of a robot with one frame are within the margin.
+        let chains = run.records.iter().filter(|record| record.frames.len() > 1);
+        let axles = chains.flat_map(|record| record.axles.iter().map(|axle| axle.posture));
+        path.chain([run.goal]).chain(axles)
     });
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for point in points {

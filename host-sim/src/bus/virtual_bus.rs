@@ -2,7 +2,7 @@
 
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
-use core_algos::time::Micros;
+use core_algos::time::{LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{MAX_AXLES, MAX_BOARDS, Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -11,10 +11,22 @@ use std::collections::VecDeque;
 use std::sync::LazyLock;
 
 table! {
+    /// True if frames take time on the wire.
+    pub enum Transmission, default Auto {
+        /// On for more than two axles, whose reports fill an epoch.
+        Auto = "auto",
+        /// Frames take their bits at 1 Mbit/s, one frame after another in the order of their priorities.
+        On = "on",
+        /// Frames take no time, and `latency_ms` stands for the transfer.
+        Off = "off",
+    }
+}
+
+table! {
     /// Properties of the virtual bus.
     pub struct BusConfig {
         /// Time from sending to receiving. Arbitration and transfer of the thirteen messages at the
-        /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
+        /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s. With `transmission`, the least time.
         pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
         /// Additional latency of each board's messages at the other boards: one entry for all boards, or one per board,
         /// axles first.
@@ -33,6 +45,8 @@ table! {
         /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
         /// measure its effect; no real bus can do that.
         pub quantise: bool = true;
+        /// Time of the frames on the wire.
+        pub transmission: Transmission = Transmission::Auto;
     }
 }
 
@@ -43,6 +57,15 @@ impl BusConfig {
         // The default list has three zeros, for a robot of any number of axles.
         let none = !late.is_empty() && late.iter().all(|late| *late == 0);
         none || [1, robot.board_count()].contains(&late.len())
+    }
+
+    /// True if frames take time on the wire.
+    fn has_wire(&self, robot: Topology) -> bool {
+        match self.transmission {
+            Transmission::Auto => robot.axle_count() > 2,
+            Transmission::On => true,
+            Transmission::Off => false,
+        }
     }
 
     /// Additional latency of a board at an index of [`Topology::boards`], ms.
@@ -63,6 +86,85 @@ pub struct BusStatistics {
     pub lost: u64,
     /// Messages that could not be encoded, and frames that could not be decoded.
     pub refused: u64,
+    /// Reports of the boards that the transfer delays beyond the beginning of the lead node's work; 0 without
+    /// transmission time.
+    #[serde(skip_serializing_if = "is_none")]
+    pub late: u64,
+    /// Time for which the wire was busy, µs; 0 without transmission time.
+    #[serde(skip_serializing_if = "is_none")]
+    pub busy_us: u64,
+}
+
+fn is_none(count: &u64) -> bool {
+    *count == 0
+}
+
+/// A frame that waits for the wire.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    /// Time at which the board sent the frame.
+    since: Micros,
+    origin: Option<Role>,
+    transit: Transit,
+}
+
+/// The wire: one frame at a time, the lowest identifier of the waiting frames first.
+#[derive(Clone, Debug, Default)]
+struct Wire {
+    waiting: Vec<Waiting>,
+    /// Time at which the wire becomes free.
+    free: Micros,
+}
+
+impl Wire {
+    /// The next frame that begins before `now`, with the end of its transfer.
+    fn next(&mut self, now: Micros) -> Option<(Waiting, Micros)> {
+        let earliest = self.waiting.iter().map(|frame| frame.since).min()?;
+        let begin = self.free.max(earliest);
+        if begin >= now {
+            return None;
+        }
+        let ready = self.waiting.iter().enumerate();
+        let ready = ready.filter(|(_, frame)| frame.since <= begin);
+        let (first, _) = ready.min_by_key(|(_, frame)| (frame.transit.frame.id, frame.since))?;
+        let frame = self.waiting.remove(first);
+        self.free = begin + transfer_us(&frame.transit.frame);
+        Some((frame, self.free))
+    }
+}
+
+/// Bits of a frame on the wire with identifier, data, checksum, stuff bits and the space to the next frame.
+fn wire_bits(frame: &CanFrame) -> u32 {
+    let length = frame.length.min(8);
+    // Start bit, identifier, three zero control bits and the length; the checksum covers these and the data.
+    let head = u32::from(frame.id & 0x7ff) << 7 | u32::from(length);
+    let mut bits: Vec<bool> = (0..19).rev().map(|k| head >> k & 1 == 1).collect();
+    for byte in frame.data.iter().take(length.into()) {
+        bits.extend((0..8).rev().map(|k| byte >> k & 1 == 1));
+    }
+    let checksum = bits.iter().fold(0_u16, |sum, bit| {
+        let next = *bit != (sum >> 14 & 1 == 1);
+        let shifted = sum << 1 & 0x7fff;
+        if next { shifted ^ 0x4599 } else { shifted }
+    });
+    bits.extend((0..15).rev().map(|k| checksum >> k & 1 == 1));
+    let (mut stuffed, mut run, mut last) = (0, 0, None);
+    for bit in bits.iter().copied() {
+        run = if last == Some(bit) { run + 1 } else { 1 };
+        last = Some(bit);
+        if run == 5 {
+            // The stuff bit has the other level and begins a run.
+            (stuffed, run, last) = (stuffed + 1, 1, Some(!bit));
+        }
+    }
+    // Two delimiters, acknowledgement, seven bits of end and three of space.
+    bits.len() as u32 + stuffed + 13
+}
+
+/// Time of a frame on the wire, µs.
+fn transfer_us(frame: &CanFrame) -> Micros {
+    const PER_SECOND: u64 = 1_000_000;
+    (u64::from(wire_bits(frame)) * PER_SECOND).div_ceil(layout::BIT_RATE.into())
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -81,6 +183,8 @@ pub struct VirtualBus {
     config: BusConfig,
     rng: Pcg64,
     transit: VecDeque<Transit>,
+    /// Frames on the wire and before it; `None` without transmission time.
+    wire: Option<Wire>,
     statistics: BusStatistics,
     severed: bool,
 }
@@ -93,6 +197,7 @@ impl VirtualBus {
             config: config.clone(),
             rng: Pcg64::seed_from_u64(seed),
             transit: VecDeque::with_capacity(64),
+            wire: config.has_wire(topology).then(Wire::default),
             statistics: BusStatistics::default(),
             severed: false,
         }
@@ -144,13 +249,54 @@ impl VirtualBus {
             message,
             received,
         };
+        if self.wire.is_some() {
+            let others = self.within_board(transit, origin);
+            if let Some(wire) = &mut self.wire {
+                wire.waiting.push(Waiting {
+                    since: now,
+                    origin,
+                    transit: others,
+                });
+            }
+            return Some(*frame);
+        }
+        self.pass(transit, origin);
+        Some(*frame)
+    }
+
+    /// Queues a frame of a board, disturbed as configured.
+    fn pass(&mut self, transit: Transit, origin: Option<Role>) {
         let config = &self.config;
         let uneven = config.jitter_ms > 0 || config.late_ms.iter().any(|&late| late > 0);
         match uneven || config.doubling > 0.0 || config.corruption > 0.0 {
             true => self.queue_disturbed(transit, origin),
             false => self.queue(transit),
         }
-        Some(*frame)
+    }
+
+    /// Transfers the frames whose turn on the wire comes before `now`.
+    fn transfer(&mut self, now: Micros) {
+        while let Some((frame, end)) = self.wire.as_mut().and_then(|wire| wire.next(now)) {
+            let Waiting {
+                since,
+                origin,
+                mut transit,
+            } = frame;
+            self.statistics.busy_us += transfer_us(&transit.frame);
+            let begin = LEAD_PHASE + TICK * self.topology.axle_count().saturating_sub(3) as Micros;
+            let is_report = matches!(
+                transit.message,
+                Message::AxlePosture { .. }
+                    | Message::AxleMotion { .. }
+                    | Message::AxleUncertainty { .. }
+                    | Message::BeamPosture { .. }
+                    | Message::BeamUncertainty { .. }
+            );
+            let is_far = is_report && origin != Some(Role::LEAD);
+            self.statistics.late += u64::from(is_far && end > since + begin);
+            transit.due = transit.due.max(end);
+            self.pass(transit, origin);
+        }
     }
 
     /// True with the probability `share`.
@@ -158,15 +304,20 @@ impl VirtualBus {
         share > 0.0 && self.rng.random::<f64>() < share
     }
 
-    /// Queues a frame with additional latency, jitter, corruption or doubling as configured.
-    fn queue_disturbed(&mut self, mut transit: Transit, origin: Option<Role>) {
-        // Messages within the sending board are undisturbed.
+    /// Queues the part of a frame that stays within the sending board, undisturbed; gives the part for the other boards.
+    fn within_board(&mut self, mut transit: Transit, origin: Option<Role>) -> Transit {
         let mut own = transit;
         for (place, board) in self.topology.boards().enumerate() {
             own.received[place] &= Some(board) == origin;
             transit.received[place] &= Some(board) != origin;
         }
         self.queue(own);
+        transit
+    }
+
+    /// Queues a frame with additional latency, jitter, corruption or doubling as configured.
+    fn queue_disturbed(&mut self, transit: Transit, origin: Option<Role>) {
+        let mut transit = self.within_board(transit, origin);
         let place = origin.map(|board| self.topology.place(board));
         let mut late = place.map_or(0, |place| self.config.late_ms_at(place));
         if self.config.jitter_ms > 0 {
@@ -202,10 +353,17 @@ impl VirtualBus {
     /// Replaces the properties of the bus.
     pub fn set_config(&mut self, config: &BusConfig) {
         self.config.clone_from(config);
+        if !config.has_wire(self.topology) {
+            self.transfer(Micros::MAX);
+            self.wire = None;
+        } else if self.wire.is_none() {
+            self.wire = Some(Wire::default());
+        }
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
     pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &CanFrame, &Message)) {
+        self.transfer(now);
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
                 let boards = self.topology.boards().zip(transit.received);
@@ -220,6 +378,9 @@ impl VirtualBus {
     pub fn cut(&mut self) {
         self.severed = true;
         self.transit.clear();
+        if let Some(wire) = &mut self.wire {
+            wire.waiting.clear();
+        }
     }
 
     /// Numbers of messages on the bus since the start of the run.
@@ -333,6 +494,83 @@ mod tests {
         on_time.extend(to(rear));
         assert_eq!(at(1_000), on_time);
         assert_eq!(at(5_000), to(inner).collect::<Vec<_>>());
+    }
+
+    /// Lengths of frames whose stuff bits are counted by hand: zeros have one in five.
+    #[test]
+    fn frame_has_its_bits_and_its_stuff_bits() {
+        let frame = |id, data: &[u8]| {
+            let mut frame = CanFrame {
+                id,
+                length: data.len() as u8,
+                data: [0; 8],
+            };
+            frame.data[..data.len()].copy_from_slice(data);
+            frame
+        };
+        // Identifier 0 without data: 34 zero bits, since the checksum of zeros is zero; a stuff bit after each five.
+        assert_eq!(wire_bits(&frame(0, &[])), 47 + 34 / 5);
+        for length in 0..=8_u8 {
+            for pattern in [0x00, 0x55, 0xff, 0x1f] {
+                let bits = wire_bits(&frame(0x2aa, &vec![pattern; length.into()]));
+                let least = 47 + 8 * u32::from(length);
+                assert!(
+                    (least..=layout::frame_bits(length)).contains(&bits),
+                    "{bits}"
+                );
+            }
+        }
+    }
+
+    /// Three frames sent together leave in the order of their identifiers, one after the other.
+    #[test]
+    fn frames_take_their_turns_on_the_wire_by_priority() {
+        let config = BusConfig {
+            latency_ms: 0,
+            transmission: Transmission::On,
+            ..BusConfig::default()
+        };
+        let robot = Topology::PAIR;
+        let mut bus = VirtualBus::new(robot, &config, 0);
+        let posture = |axle| Message::AxlePosture {
+            axle: AxleId(axle),
+            sequence: 0,
+            posture: Posture::new(0.3, -0.2, 1.0),
+        };
+        let frames = 30;
+        let mut expected_us = 0;
+        for _ in 0..frames / 2 {
+            for axle in [1, 0] {
+                let frame = bus.send(0, &posture(axle)).unwrap();
+                expected_us += transfer_us(&frame);
+            }
+        }
+        let mut arrivals = Vec::new();
+        for now in (0..10).map(|ms| ms * 1_000) {
+            bus.deliver(now, |board, frame, _| {
+                if board == Role::beam(0) {
+                    arrivals.push((now, frame.id));
+                }
+            });
+        }
+        assert_eq!(arrivals.len(), frames);
+        assert!(arrivals.is_sorted_by_key(|(_, id)| *id), "{arrivals:?}");
+        let last = arrivals.last().unwrap().0;
+        assert_eq!(last, expected_us.div_ceil(1_000) * 1_000);
+        let statistics = bus.statistics();
+        assert_eq!(statistics.busy_us, expected_us);
+        // Frames that end more than 3 ms after the beginning of the epoch are late for the lead node.
+        let late = statistics.late as f64 / frames as f64;
+        let share = 1.0 - LEAD_PHASE as f64 / expected_us as f64;
+        assert!((late - share).abs() < 0.05, "{late} {share}");
+    }
+
+    #[test]
+    fn auto_transmission_is_on_for_more_than_two_axles() {
+        for axles in 2..=5 {
+            let robot = Topology::new(axles).unwrap();
+            assert_eq!(BusConfig::default().has_wire(robot), axles > 2);
+        }
     }
 
     #[test]

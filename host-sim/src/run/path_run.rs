@@ -177,6 +177,14 @@ impl Route {
         LIMIT_FACTOR_AND_EXTRA_S.0 * self.trajectory.duration() + LIMIT_FACTOR_AND_EXTRA_S.1
     }
 
+    /// Largest shear force of a strip that lies on the path, N: its bending stiffness (N m²) times the largest rate of
+    /// the curvature.
+    pub fn own_force(&self, stiffness: f64) -> f64 {
+        let rate = |pair: &[Sample]| (pair[1].kappa - pair[0].kappa) / (pair[1].s - pair[0].s);
+        let rates = self.path.samples().windows(2).map(rate);
+        stiffness * rates.fold(0.0, |most: f64, rate| most.max(rate.abs()))
+    }
+
     fn end(&self) -> Sample {
         self.path.at(self.path.length())
     }
@@ -222,7 +230,7 @@ pub struct PathEpoch {
     pub truth: Deviation,
     /// Deviation of the estimated midpoint.
     pub estimate: Deviation,
-    /// True curvature of O's path, from the bend of the frame, 1/m.
+    /// True curvature of O's path, from the bend of the frame that is bent most, 1/m.
     pub curvature: f64,
 }
 
@@ -283,6 +291,52 @@ impl Sums {
     }
 }
 
+/// Distance of an axle from the path; behind the start and beyond the end, from the straight line that continues the
+/// path.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct AxleErrors {
+    /// Root mean square of the distance, m.
+    pub rms_m: f64,
+    /// Largest distance, m.
+    pub max_m: f64,
+}
+
+/// An axle's place along the path, and its distances so far.
+#[derive(Clone, Copy, Debug)]
+struct AxleSums {
+    arc_length: f64,
+    square: f64,
+    max: f64,
+    count: f64,
+}
+
+impl AxleSums {
+    /// Before the first epoch, with the axle `ahead` (m) of the point where O starts.
+    fn new(ahead: f64) -> Self {
+        Self {
+            arc_length: ahead,
+            square: 0.0,
+            max: 0.0,
+            count: 0.0,
+        }
+    }
+
+    fn add(&mut self, path: &Path, [x, y, phi]: [f64; 3]) {
+        self.arc_length = path.nearest(x, y, self.arc_length, WINDOW_M);
+        let off = Deviation::of([x, y, phi], &path.at(self.arc_length)).lateral_m;
+        self.square += square(off);
+        self.max = self.max.max(off.abs());
+        self.count += 1.0;
+    }
+
+    fn errors(&self) -> AxleErrors {
+        AxleErrors {
+            rms_m: (self.square / self.count.max(1.0)).sqrt(),
+            max_m: self.max,
+        }
+    }
+}
+
 /// Path errors and end of a run along a path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
@@ -292,6 +346,10 @@ pub struct Outcome {
     pub estimate: Errors,
     /// Largest true |curvature| of O's path, 1/m.
     pub max_curvature: f64,
+    /// Deviations of the axles from the path, front first; empty without a true state.
+    pub axles: Vec<AxleErrors>,
+    /// Largest magnitude of a frame's force, N; NaN without a true state.
+    pub max_force_n: f64,
     /// End of the task.
     pub end: RunEnd,
 }
@@ -306,6 +364,9 @@ struct Drive<'a, F> {
     /// Arc lengths of the true and of the estimated midpoint, m.
     arc_lengths: [f64; 2],
     sums: [Sums; 2],
+    /// Places and distances of the axles; empty before the first epoch and without a true state.
+    axles: Vec<AxleSums>,
+    max_force_n: f64,
     latest: PathEpoch,
     max_curvature: f64,
     done: bool,
@@ -336,12 +397,11 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
         let deviations =
             self.route
                 .deviations(self.path_mode, record, times, &mut self.arc_lengths);
-        let [x, y, heading] = record.frames[0].relative;
         self.latest = PathEpoch {
             target: self.route.path.at(self.arc_lengths[0]),
             truth: deviations[0],
             estimate: deviations[1],
-            curvature: 2.0 * libm::tan(0.5 * heading) / libm::hypot(x, y),
+            curvature: record.curvature(),
             record: record.clone(),
         };
         self.max_curvature = self.max_curvature.max(self.latest.curvature.abs());
@@ -350,11 +410,41 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
             for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
                 sum.add(deviation);
             }
+            self.add_axles(record);
         }
         self.done |= record.lead.done;
         match record.lead.done {
             true => Progress::Done,
             false => Progress::Driving,
+        }
+    }
+}
+
+impl<F> Drive<'_, F> {
+    /// Adds the distances of the axles from the path, and the forces of the frames.
+    fn add_axles(&mut self, record: &Record) {
+        let [x, y, _] = record.midpoint;
+        if x.is_nan() {
+            return;
+        }
+        let path = &self.route.path;
+        if self.axles.is_empty() {
+            let (s, c) = libm::sincos(path.at(self.arc_lengths[0]).phi);
+            let ahead = |[ax, ay, _]: [f64; 3]| c * (ax - x) + s * (ay - y);
+            let place = |ahead: f64| (self.arc_lengths[0] + ahead).clamp(0.0, path.length());
+            let axles = record
+                .axles
+                .iter()
+                .map(|axle| AxleSums::new(place(ahead(axle.posture))));
+            self.axles = axles.collect();
+            self.max_force_n = 0.0;
+        }
+        for (sums, axle) in self.axles.iter_mut().zip(&record.axles) {
+            sums.add(path, axle.posture);
+        }
+        for frame in &record.frames {
+            let [x, y] = frame.wrench.force;
+            self.max_force_n = self.max_force_n.max(libm::hypot(x, y));
         }
     }
 }
@@ -376,6 +466,8 @@ pub fn drive_on(
         stream: Stream::new(route, path_mode),
         arc_lengths: [0.0; 2],
         sums: [Sums::default(); 2],
+        axles: Vec::new(),
+        max_force_n: f64::NAN,
         latest: PathEpoch::default(),
         max_curvature: 0.0,
         done: false,
@@ -390,6 +482,8 @@ pub fn drive_on(
         truth: run.sums[0].errors(&at_rest[0]),
         estimate: run.sums[1].errors(&at_rest[1]),
         max_curvature: run.max_curvature,
+        axles: run.axles.iter().map(AxleSums::errors).collect(),
+        max_force_n: run.max_force_n,
         end: ended,
     })
 }

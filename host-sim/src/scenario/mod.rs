@@ -241,14 +241,17 @@ impl Scenario {
 
     /// Refuses a fusion that knows one pair of axles only, by its name.
     fn check_fusion(&self) -> Result<(), Error> {
-        let mode = self.robot.lead.fusion.mode;
-        let axles = self.robot.geometry.axles;
-        match mode {
-            Mode::Intersection | Mode::IntersectionIpec if axles > 2 => Err(Error::input(format!(
-                "robot.lead.fusion.mode = {}: must be {FUSION_OF_CHAIN} (robot.geometry.axles = {axles})",
-                Variant::of(self).fusion()
+        let row = Variant {
+            mode: self.robot.lead.fusion.mode,
+            ..Variant::of(self)
+        };
+        match row.fits(self.robot.topology()) {
+            true => Ok(()),
+            false => Err(Error::input(format!(
+                "robot.lead.fusion.mode = {}: must be {FUSION_OF_CHAIN}; robot.geometry.axles is {}",
+                row.fusion(),
+                self.robot.geometry.axles
             ))),
-            _ => Ok(()),
         }
     }
 

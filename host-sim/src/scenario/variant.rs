@@ -3,6 +3,7 @@
 use crate::scenario::Scenario;
 use crate::scenario::effect::Taken;
 use core_algos::fusion::robot::Mode;
+use core_algos::topology::Topology;
 
 /// Sensors and fusion of a robot, one row in the table of `posture`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +60,12 @@ impl Variant {
         }
         scenario.robot.lead.fusion.mode = self.mode;
         scenario
+    }
+
+    /// True if the fusion works on a robot with these axles: covariance intersection knows one pair.
+    pub fn fits(&self, robot: Topology) -> bool {
+        let of_pair = matches!(self.mode, Mode::Intersection | Mode::IntersectionIpec);
+        robot.frame_count() == 1 || !of_pair
     }
 
     /// Name of the fusion, as in `robot.lead.fusion.mode`.

@@ -7,7 +7,7 @@ use super::fused::Fused;
 use super::pair::{Pair, PairReports, neighbours};
 use super::track::{Advance, AxleReport, AxleTrack, EPOCHS, SETTLING};
 use super::{LeadNode, Own};
-use crate::bus::Message;
+use crate::bus::{Message, layout};
 use crate::fusion::{Estimate, robot};
 use crate::math::{Posture, RelativeHeading, Twist};
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
@@ -53,6 +53,7 @@ impl LeadNode {
     /// Takes in a message that arrived at `now`.
     pub fn receive(&mut self, now: Micros, message: &Message) {
         self.state.peers.receive(now, message);
+        let epochs = layout::uncertainty_epochs(self.with.topology);
         match *message {
             Message::BeamWrench {
                 frame,
@@ -115,7 +116,7 @@ impl LeadNode {
                     return;
                 };
                 pair.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
-                pair.complete();
+                pair.complete(epochs);
             }
             Message::BeamUncertainty {
                 frame,
@@ -126,7 +127,7 @@ impl LeadNode {
                     return;
                 };
                 pair.uncertainty = Some(Stamped::new(covariance, epoch_start(now, sequence)));
-                pair.complete();
+                pair.complete(epochs);
             }
             _ => {}
         }

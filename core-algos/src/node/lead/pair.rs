@@ -62,10 +62,15 @@ impl Pair {
         corrected: [0.0; 3],
     };
 
-    /// Combines posture and covariance of one epoch into a measurement.
-    pub(super) fn complete(&mut self) {
+    /// Combines posture and covariance into a measurement. The covariance comes every `epochs` epochs: with 1 it must be
+    /// of the posture's epoch, otherwise it may be older, also if one is lost.
+    pub(super) fn complete(&mut self, epochs: u8) {
+        let oldest = (2 * Micros::from(epochs) - 1) * EPOCH;
         if let (Some(posture), Some(covariance)) = (self.posture, self.uncertainty)
-            && posture.time == covariance.time
+            && (posture.time == covariance.time
+                || epochs > 1
+                    && posture.time > covariance.time
+                    && posture.time - covariance.time <= oldest)
         {
             let measured = Estimate::new(posture.value, covariance.value);
             self.measured.put(Stamped::new(measured, posture.time));

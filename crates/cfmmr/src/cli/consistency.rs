@@ -41,7 +41,10 @@ pub struct ConsistencyArgs {
 /// Runs `cfmmr consistency`.
 pub fn run(args: &ConsistencyArgs, own: &Own) -> Result<(), Error> {
     let context = args.common.context("consistency", own)?;
+    let robot = context.scenario.robot.topology();
     let mut variants = Variant::ALL.to_vec();
+    // A fusion that the user names is refused if it does not fit; of all fusions, those that fit remain.
+    variants.retain(|row| row.fits(robot) || !args.fusion.is_empty());
     if !args.fusion.is_empty() {
         let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);
         let names: Vec<_> = names.collect();
@@ -49,6 +52,7 @@ pub fn run(args: &ConsistencyArgs, own: &Own) -> Result<(), Error> {
     }
     let rows = variants.iter().map(|v| v.apply(&context.scenario));
     let rows: Vec<Scenario> = rows.collect();
+    rows.iter().try_for_each(Scenario::check)?;
     let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
     context.check_keys(ROWS, &runs)?;
     let seeds = context.seeds(args.trials as usize);

@@ -61,8 +61,8 @@ fn page() -> String {
             sent.id,
             sent,
             ROBOT.node_name(sent.sender),
-            time(layout.period_ms),
-            time(layout.timeout_ms),
+            time(sent.period_ms()),
+            time(sent.timeout_ms()),
             dbc::plain(layout.meaning),
         );
     }
@@ -75,12 +75,12 @@ fn load() -> String {
     let rate = BIT_RATE as f32;
     for sent in layout::messages(ROBOT) {
         let layout = sent.layout;
-        let (period, share) = if layout.period_ms == 0 {
+        let (period, share) = if sent.period_ms() == 0 {
             (String::from("on request"), String::new())
         } else {
             (
-                format!("{} ms", layout.period_ms),
-                format!("{:.2} %", 100.0 * layout.bits_per_second() / rate),
+                format!("{} ms", sent.period_ms()),
+                format!("{:.2} %", 100.0 * sent.bits_per_second() / rate),
             )
         };
         table.row([

@@ -6,6 +6,7 @@ use crate::experiments::posture::{self, ROWS, Variant};
 use crate::experiments::run::mission::Mission;
 use crate::experiments::run::stage::Outputs;
 use clap::{Args, ValueEnum};
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
 use host_sim::scenario::Scenario;
@@ -98,7 +99,7 @@ fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
 /// Runs the trials of all rows with in-process boards.
 fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<(), Error> {
     context.scenario.check()?;
-    let variants = args.variants(outputs)?;
+    let variants = args.variants(context.scenario.robot.topology(), outputs)?;
     let rows = variants.iter().map(|row| row.apply(&context.scenario));
     let rows: Vec<Scenario> = rows.collect();
     let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
@@ -110,8 +111,8 @@ fn trials(args: &PostureArgs, context: &Context, outputs: &Outputs) -> Result<()
 
 impl PostureArgs {
     /// Selected rows of the table: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
-    /// With `--live` or `--dashboard` there is one row.
-    fn variants(&self, outputs: &Outputs) -> Result<Vec<Variant>, Error> {
+    /// With `--live` or `--dashboard` there is one row. Fusions of one pair of axles are left out on longer robots.
+    fn variants(&self, robot: Topology, outputs: &Outputs) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;
         let rows = match self.rows.unwrap_or(RowSelection::Main) {
             RowSelection::Main => &Variant::MAIN[..],
@@ -125,7 +126,8 @@ impl PostureArgs {
             false => rows,
         };
         let mut kept: Vec<Variant> = Vec::new();
-        for row in shown.iter().filter(|row| !(sensors.no_rps && row.rps)) {
+        let kept_row = |row: &&Variant| row.fits(robot) && !(sensors.no_rps && row.rps);
+        for row in shown.iter().filter(kept_row) {
             let row = Variant {
                 imu: row.imu || sensors.imu,
                 ..*row

@@ -1,6 +1,6 @@
 //! Consistency of the fused estimates: errors against covariances.
 //!
-//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O on the full plant.
+//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of the first axle, the last axle and O on the full plant.
 //! Each NEES has three degrees of freedom. If errors are normal with covariance P, the mean NEES of N runs is in the
 //! band of χ² with 3 N degrees of freedom with probability 0.95. Above the band the estimator is overconfident, below
 //! the band it is cautious.
@@ -88,9 +88,12 @@ impl CheckObserver {
             return;
         };
         let fused = &record.lead.fused;
+        let [first, .., last] = truth.axles.as_slice() else {
+            return;
+        };
         let checks = [
-            EstimateCheck::of(&fused.front, truth.axles[0].posture),
-            EstimateCheck::of(&fused.rear, truth.axles[1].posture),
+            EstimateCheck::of(&fused.front, first.posture),
+            EstimateCheck::of(&fused.rear, last.posture),
             EstimateCheck::of(&fused.robot, truth.midpoint),
         ];
         if self.epochs.is_multiple_of(INTERVAL) {

@@ -3,12 +3,13 @@
 use crate::experiments::Context;
 use crate::experiments::posture::Variant;
 use crate::experiments::result::end_lines;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::paths;
 use host_sim::paths::Path;
 use host_sim::run::end::RunEnd;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Deviation, Errors, Outcome, PathEpoch, PathMode, Route};
+use host_sim::run::path_run::{AxleErrors, Deviation, Errors, Outcome, PathEpoch, PathMode, Route};
 use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Taken;
@@ -38,8 +39,8 @@ pub struct PathOptions {
 
 /// Maximum number of epochs kept for log and picture.
 pub const MAX_ROWS: usize = 20_000;
-/// Minimum distance between two drawn robots in the picture, m.
-const APART_M: f64 = 0.65;
+/// Minimum distance between two drawn robots of one frame in the picture, m, and addition for each further frame.
+const APART_M: [f64; 2] = [0.65, 0.4];
 
 /// Path errors of a run of `follow` or `track`, for the JSON output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -67,8 +68,60 @@ pub struct FollowReport {
     pub max_curvature: f64,
     /// Curvature bound of the frame, 1/m.
     pub curvature_bound: f64,
+    /// Distances of the axles from the path and forces of the frames; `None` for two axles, and without a true state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chain: Option<ChainReport>,
     /// End of the run.
     pub end: RunEnd,
+}
+
+/// Path errors of a robot of three and more axles.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChainReport {
+    /// Name of each axle's board, front first.
+    pub names: Vec<&'static str>,
+    /// Distance of each axle from the path, front first.
+    pub axles: Vec<AxleErrors>,
+    /// Largest force of a frame, N.
+    pub max_force_n: f64,
+    /// Largest shear force of a frame that lies on the path, N: EI times the rate of the curvature.
+    pub own_force_n: f64,
+}
+
+impl ChainReport {
+    fn of(robot: Topology, outcome: &Outcome, own_force_n: f64) -> Option<Self> {
+        if robot.axle_count() == 2 || outcome.axles.is_empty() {
+            return None;
+        }
+        let names = robot.axles().map(|axle| robot.name(Role::Axle(axle)));
+        Some(Self {
+            names: names.collect(),
+            axles: outcome.axles.clone(),
+            max_force_n: outcome.max_force_n,
+            own_force_n,
+        })
+    }
+
+    /// Sentence about the forces.
+    fn force(&self) -> String {
+        format!(
+            "{:.2} N, of the path's own curve {:.2} N",
+            self.max_force_n, self.own_force_n
+        )
+    }
+
+    /// Table and sentence below the path errors of the midpoint.
+    fn text(&self) -> String {
+        let mut table = Table::new(["distance from the path", "rms (mm)", "max (mm)"]);
+        for (name, errors) in self.names.iter().zip(&self.axles) {
+            table.row([
+                (*name).to_owned(),
+                format!("{:.2}", 1e3 * errors.rms_m),
+                format!("{:.2}", 1e3 * errors.max_m),
+            ]);
+        }
+        format!("\n{table}\nlargest force of a frame: {}\n", self.force())
+    }
 }
 
 /// Command of a path mode, and title of its report.
@@ -167,6 +220,11 @@ pub fn publish(
         path_curvature: course.path.max_curvature(),
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
+        chain: ChainReport::of(
+            scenario.robot.topology(),
+            outcome,
+            route.own_force(scenario.world.plant.bending_stiffness_n_m2),
+        ),
         end: outcome.end.clone(),
     };
     let records: Vec<Record> = moments.iter().map(|moment| moment.record.clone()).collect();
@@ -249,7 +307,17 @@ fn summary(report: &FollowReport) -> Vec<(String, String)> {
             errors.final_heading_rad.to_degrees()
         )
     };
-    vec![
+    let chain = report.chain.iter().flat_map(|chain| {
+        let axles = chain.names.iter().zip(&chain.axles).map(|(name, errors)| {
+            let (rms, max) = (1e3 * errors.rms_m, 1e3 * errors.max_m);
+            (
+                format!("Distance of {name}"),
+                format!("rms {rms:.2} mm, largest {max:.2} mm"),
+            )
+        });
+        axles.chain([("Largest force of a frame".to_owned(), chain.force())])
+    });
+    let rows = vec![
         row("Path", report.path.clone()),
         row(
             "Length",
@@ -264,7 +332,8 @@ fn summary(report: &FollowReport) -> Vec<(String, String)> {
                 report.path_curvature, report.max_curvature, report.curvature_bound
             ),
         ),
-    ]
+    ];
+    rows.into_iter().chain(chain).collect()
 }
 
 /// Maximum number of points of a curve in the picture.
@@ -301,7 +370,9 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
         };
         let apart = |other: &&Record| {
             let [x, y, _] = other.midpoint;
-            libm::hypot(record.midpoint[0] - x, record.midpoint[1] - y) > APART_M
+            let further = record.frames.len().saturating_sub(1) as f64;
+            let apart = APART_M[0] + APART_M[1] * further;
+            libm::hypot(record.midpoint[0] - x, record.midpoint[1] - y) > apart
         };
         if shown.iter().all(apart) {
             shown.push(record);
@@ -353,8 +424,12 @@ fn table(heading: &str, report: &FollowReport, outcome: &Outcome) -> String {
         ]);
     }
     let end = end_lines(&report.end, "end of the path");
+    let chain = report
+        .chain
+        .as_ref()
+        .map_or(String::new(), ChainReport::text);
     format!(
-        "{heading}\n{:.2} m at up to {} m/s\n\n{table}\n\
+        "{heading}\n{:.2} m at up to {} m/s\n\n{table}{chain}\n\
          curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n{end}",
         report.length_m,
         report.speed_m_s,

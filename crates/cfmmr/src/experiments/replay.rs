@@ -86,7 +86,8 @@ pub struct ReplayReport {
 /// Replays a log; returns the report and its text.
 pub fn run(options: &ReplayOptions) -> Result<(ReplayReport, String), Error> {
     let name = options.log.display().to_string();
-    let robot = read::ROBOT;
+    let log = open(options, &name)?;
+    let robot = log.robot;
     let boards = robot
         .boards()
         .map(|role| BoardRecordSummary::new(robot, role));
@@ -94,7 +95,7 @@ pub fn run(options: &ReplayOptions) -> Result<(ReplayReport, String), Error> {
     let mut recorded = RecordedEstimates::default();
     let mut comparison = Comparison::new(robot);
     let mut events: Events = vec![Vec::new(); robot.board_count()];
-    let run = read_log(options, &name, &mut |role, event| {
+    let run = log.read(&mut |role, event| {
         boards[robot.place(role)].take(&event);
         recorded.take(role, &event);
         match &options.with {
@@ -159,12 +160,29 @@ pub fn run(options: &ReplayOptions) -> Result<(ReplayReport, String), Error> {
     Ok((report, text))
 }
 
-/// Reads the log, after recovery if requested, and passes the events of the boards to `to`.
-fn read_log(
-    options: &ReplayOptions,
-    name: &str,
-    to: &mut dyn FnMut(Role, Event),
-) -> Result<Run, Error> {
+/// Log to be read.
+struct Log {
+    path: PathBuf,
+    /// Name of the log in errors.
+    name: String,
+    /// Hint below an error of reading; empty for a recovered log.
+    hint: String,
+    robot: Topology,
+}
+
+impl Log {
+    /// Reads the log and passes the events of the boards to `to`.
+    fn read(&self, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
+        let file = BufReader::new(input::open(&self.path, input::MAX_LOG_BYTES)?);
+        read::stream(file, self.robot, &self.name, to).map_err(|error| match self.hint.is_empty() {
+            true => error,
+            false => Error::input(format!("{error}; {}", self.hint)),
+        })
+    }
+}
+
+/// Opens the log, after recovery if requested.
+fn open(options: &ReplayOptions, name: &str) -> Result<Log, Error> {
     let refuse = |error: std::io::Error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
@@ -184,22 +202,26 @@ fn read_log(
         }
         _ => {}
     }
-    if options.recover {
+    let (path, name, hint) = if options.recover {
         let copy = options
             .out
             .clone()
             .unwrap_or_else(|| recovered_name(&options.log));
         let bytes = input::bytes(&options.log, input::MAX_LOG_BYTES).map_err(refuse)?;
         recover(&bytes, name, &copy)?;
-        drop(bytes);
-        let file = input::open(&copy, input::MAX_LOG_BYTES)?;
-        return read::stream(BufReader::new(file), &copy.display().to_string(), to);
-    }
-    let file = input::open(&options.log, input::MAX_LOG_BYTES).map_err(refuse)?;
-    read::stream(BufReader::new(file), name, to).map_err(|error| {
-        Error::input(format!(
-            "{error}; `cfmmr replay --recover {name}` recovers the intact records"
-        ))
+        let name = copy.display().to_string();
+        (copy, name, String::new())
+    } else {
+        let hint = format!("`cfmmr replay --recover {name}` recovers the intact records");
+        (options.log.clone(), name.to_owned(), hint)
+    };
+    let file = input::open(&path, input::MAX_LOG_BYTES).map_err(refuse)?;
+    let robot = read::robot(BufReader::new(file), &name)?;
+    Ok(Log {
+        path,
+        name,
+        hint,
+        robot,
     })
 }
 

@@ -2,17 +2,20 @@
 
 use super::sink::Sink;
 use super::standard;
+use crate::csv::inner_names;
 use crate::dbc;
 use crate::entry::{
-    ABOUT, BusEntry, Can, END, FORMAT, Hex, LeadEntry, LoggedFrame, Pose, TruthEntry,
+    ABOUT, AxleTruth, BusEntry, Can, Decoded, END, FrameTruth, Hex, LeadEntry, LoggedFrame, Pose,
+    TruthEntry, format_of,
 };
-use crate::topics::{Topic, of_board, topics};
+use crate::topics::{Topic, estimate_of, of_board, topics, truth_of};
 use crate::{About, Line, failed};
 use core_algos::bus::{self, CanFrame};
 use core_algos::link::framing::crc32c;
 use core_algos::math::Posture;
+use core_algos::node::lead::MAX_INNER;
 use core_algos::safety::{Class, OperatingState};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::{AxleId, Role, Topology};
 use foxglove::messages::{
     FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
 };
@@ -89,6 +92,13 @@ impl Json {
         names.map(|name| Self::new(sink, topics, &name)).collect()
     }
 
+    /// Opens the channels of the true states of axles and frames of a robot with more than two axles.
+    fn truths(sink: &Sink, topics: &[Topic], robot: Topology) -> Result<Vec<Self>, Error> {
+        let boards = robot.boards().filter(|_| robot.axle_count() > 2);
+        let names = boards.map(|board| truth_of(robot.name(board)));
+        names.map(|name| Self::new(sink, topics, &name)).collect()
+    }
+
     fn write(&self, buffer: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
         if !self.filed && !self.channel.has_sinks() {
             return;
@@ -104,6 +114,17 @@ impl Json {
 /// Opens a channel for messages with a schema of Foxglove.
 fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
     ChannelBuilder::new(topic).context(sink.context()).build()
+}
+
+/// Name of an axle's coordinate frame.
+fn transform_of(robot: Topology, axle: AxleId) -> &'static str {
+    match axle.0 {
+        0 => "front_axle",
+        number if usize::from(number) + 1 == robot.axle_count() => "rear_axle",
+        1 => "axle_2",
+        2 => "axle_3",
+        _ => "axle_4",
+    }
 }
 
 /// Log of a run, to a file or to live viewers.
@@ -124,6 +145,10 @@ pub struct Mcap {
     log: Channel<Log>,
     lead: Json,
     truth: Json,
+    /// True states of the boards' axles and frames; empty for two axles.
+    truths: Vec<Json>,
+    /// Estimates of the axles between the first and the last.
+    inner: Vec<Channel<PoseInFrame>>,
     bus: Json,
     order: Json,
     start: Vec<Json>,
@@ -136,6 +161,8 @@ pub struct Mcap {
     statuses: Vec<Option<Status>>,
     /// Latest estimate and its time of validity, ns.
     estimate: Option<(u64, Posture)>,
+    /// Latest estimates of the axles between the first and the last.
+    inner_estimates: [Option<Posture>; MAX_INNER],
     true_path_so_far: Vec<Pose>,
     epochs: u64,
     end: RunEnd,
@@ -153,7 +180,7 @@ impl Mcap {
         let topics = topics(robot);
         let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
         let described = [
-            ("format", FORMAT.to_owned()),
+            ("format", format_of(robot).to_owned()),
             ("build", about.build.to_owned()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
             ("command", about.command.to_owned()),
@@ -181,6 +208,10 @@ impl Mcap {
             log: standard_channel(&sink, "/log"),
             lead: Json::new(&sink, &topics, "/lead")?,
             truth: Json::new(&sink, &topics, "/truth")?,
+            truths: Json::truths(&sink, &topics, robot)?,
+            inner: inner_names(robot)
+                .map(|name| standard_channel(&sink, &estimate_of(name)))
+                .collect(),
             bus: Json::new(&sink, &topics, "/bus")?,
             order: Json::new(&sink, &topics, "/host/order")?,
             start: Json::of_boards(&sink, &topics, robot, "start")?,
@@ -190,6 +221,7 @@ impl Mcap {
             zero: 0,
             statuses: vec![None; robot.node_count()],
             estimate: None,
+            inner_estimates: [None; MAX_INNER],
             true_path_so_far: Vec::new(),
             epochs: 0,
             end: RunEnd {
@@ -275,6 +307,7 @@ impl Mcap {
                 entry.bits = Hex::of(&**output);
                 self.lead.write(&mut self.buffer, time, &entry);
                 self.estimate = Some((held, output.fused.robot.posture));
+                self.inner_estimates = output.inner;
             }
             Line::Board(role, what) => self.boards[self.robot.place(*role)].clone_from(what),
             Line::Frames { role, tick, frames } => self.frames(*role, *tick, frames),
@@ -311,23 +344,24 @@ impl Mcap {
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
-        let logged = frames.iter().map(|frame| LoggedFrame {
-            name: name_of(self.robot, frame.id).unwrap_or("unknown"),
-            frame: Can(*frame),
-            message: bus::decode(frame).ok(),
-        });
+        let robot = self.robot;
+        let messages: Vec<_> = frames.iter().map(|frame| bus::decode(frame).ok()).collect();
+        let logged = frames
+            .iter()
+            .zip(&messages)
+            .map(|(frame, message)| LoggedFrame {
+                name: name_of(robot, frame.id).unwrap_or("unknown"),
+                frame: Can(*frame),
+                message: message.as_ref().map(|message| Decoded::new(robot, message)),
+            });
         let entry = BusEntry {
             tick,
-            board: role,
+            board: robot.name(role).to_owned(),
             frames: logged.collect(),
         };
         let time = self.nanos(tick);
         self.bus.write(&mut self.buffer, time, &entry);
-        let robot = self.robot;
-        let messages = entry
-            .frames
-            .iter()
-            .filter_map(|logged| logged.message.as_ref());
+        let messages = messages.iter().flatten();
         for status in messages.filter_map(|message| Status::of(robot, tick, message)) {
             self.status(tick, status);
         }
@@ -374,7 +408,11 @@ impl Mcap {
         let robot = Pose::from(record.midpoint);
         let mut frames = Vec::new();
         if known {
-            let axles = ["front_axle", "rear_axle"].into_iter().zip(&record.axles);
+            let names = self
+                .robot
+                .axles()
+                .map(|axle| transform_of(self.robot, axle));
+            let axles = names.zip(&record.axles);
             frames.push(("robot", robot));
             frames.extend(axles.map(|(name, axle)| (name, axle.posture.into())));
         }
@@ -383,6 +421,12 @@ impl Mcap {
             let pose = standard::in_world(held, &estimate);
             self.estimate_robot.log_with_meta(&pose, at(time));
             frames.push(("robot_estimate", estimate));
+            for (channel, axle) in self.inner.iter().zip(self.inner_estimates) {
+                if let Some(axle) = axle {
+                    let pose = standard::in_world(held, &axle.into());
+                    channel.log_with_meta(&pose, at(time));
+                }
+            }
         }
         let transforms = standard::transforms(time, &frames);
         self.transforms.log_with_meta(&transforms, at(time));
@@ -399,6 +443,17 @@ impl Mcap {
         self.truth_robot.log_with_meta(&pose, at(time));
         self.truth
             .write(&mut self.buffer, time, &TruthEntry::from(record));
+        let (axles, frames) = self
+            .truths
+            .split_at(record.axles.len().min(self.truths.len()));
+        for (channel, axle) in axles.iter().zip(&record.axles) {
+            let entry = AxleTruth::new(record.time_s, axle);
+            channel.write(&mut self.buffer, time, &entry);
+        }
+        for (channel, frame) in frames.iter().zip(&record.frames) {
+            let entry = FrameTruth::new(record.time_s, frame);
+            channel.write(&mut self.buffer, time, &entry);
+        }
         if self.epochs.is_multiple_of(SCENE_EPOCHS) {
             let scene = standard::scene(time, record, &self.body);
             self.scene.log_with_meta(&scene, at(time));

@@ -8,7 +8,7 @@
 
 use super::intact;
 use crate::entry::{
-    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMAT, Hex, HostCommandEntry, LeadBits,
+    ABOUT, AxleTick, BeamTick, BusEntry, Can, END, Exact, FORMATS, Hex, HostCommandEntry, LeadBits,
     Off, Start, TruthEntry,
 };
 use core_algos::bus::CanFrame;
@@ -17,7 +17,7 @@ use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, beam, lead};
-use core_algos::topology::{Role, Topology, Wheels};
+use core_algos::topology::{MAX_AXLES, Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::is_of_nodes;
 use host_sim::targets::host_command::HostCommand;
@@ -101,9 +101,6 @@ pub struct Run {
     pub ticks: usize,
 }
 
-/// Robot in every log of format 3: two axles.
-pub const ROBOT: Topology = Topology::PAIR;
-
 /// First bytes of the parameters, which a log without the number of axles lacks. Such a log also lacks the last table,
 /// that of the train.
 const TWO_AXLES: [u8; 1] = [2];
@@ -116,6 +113,8 @@ pub type Events = Vec<Vec<Event>>;
 /// Complete content of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
+    /// Axles of the robot.
+    pub robot: Topology,
     /// Metadata and true states of the log.
     pub run: Run,
     /// Events of all boards.
@@ -131,25 +130,65 @@ impl Recording {
 
 /// Reads a log in memory; `name` is the name of the log in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
-    let mut boards = vec![Vec::new(); ROBOT.board_count()];
-    let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
-    let run = stream(Cursor::new(bytes), name, &mut keep)?;
-    Ok(Recording { run, boards })
+    let robot = robot(Cursor::new(bytes), name)?;
+    let mut boards = vec![Vec::new(); robot.board_count()];
+    let mut keep = |role, event| boards[robot.place(role)].push(event);
+    let run = stream(Cursor::new(bytes), robot, name, &mut keep)?;
+    Ok(Recording { robot, run, boards })
 }
 
-/// Reads a log and passes the events of each board to `to`, in order; `name` identifies the log in errors.
+/// Axles of the robot in a log, from the metadata at its start; two without metadata, which [`stream`] refuses.
+pub fn robot(mut file: impl Read, name: &str) -> Result<Topology, Error> {
+    let refuse = |what: String| Error::input(format!("{name}: {what}"));
+    let mut records = LinearReader::new();
+    // A damaged log is refused by `stream`, which names the place.
+    while let Some(Ok(event)) = records.next_event() {
+        match event {
+            LinearReadEvent::ReadRequest(length) => {
+                let read = file.read(records.insert(length));
+                records.notify_read(read.map_err(|error| refuse(error.to_string()))?);
+            }
+            LinearReadEvent::Record { data, opcode } => match mcap::parse_record(opcode, data) {
+                Ok(Record::Metadata(about)) if about.name == ABOUT => {
+                    let scenario = about.metadata.get("scenario").map_or("", String::as_str);
+                    return robot_of(scenario).map_err(refuse);
+                }
+                Ok(_) => {}
+                Err(_) => break,
+            },
+        }
+    }
+    Ok(Topology::PAIR)
+}
+
+/// Axles of the robot of a scenario in a log; a scenario without this number has two.
+fn robot_of(scenario: &str) -> Result<Topology, String> {
+    let table: toml::Table = scenario.parse().unwrap_or_default();
+    let axles = table
+        .get("robot")
+        .and_then(|robot| robot.get("geometry")?.get("axles")?.as_integer());
+    let Some(axles) = axles else {
+        return Ok(Topology::PAIR);
+    };
+    let robot = usize::try_from(axles).ok().and_then(Topology::new);
+    robot.ok_or_else(|| format!("robot.geometry.axles = {axles}: must be from 2 to {MAX_AXLES}"))
+}
+
+/// Reads a log of `robot` (see [`robot`]) and passes the events of each board to `to`, in order; `name` identifies the
+/// log in errors.
 ///
 /// The checksums are checked before the first event, the messages during reading. An error therefore also means that
 /// the events passed so far are invalid.
 pub fn stream(
     mut file: impl Read + Seek,
+    robot: Topology,
     name: &str,
     to: &mut dyn FnMut(Role, Event),
 ) -> Result<Run, Error> {
     let refuse = |what: String| Error::input(format!("{name}: {what}"));
     intact::check(&mut file).map_err(refuse)?;
     file.rewind().map_err(|error| refuse(error.to_string()))?;
-    let mut reader = Reader::new(ROBOT, to);
+    let mut reader = Reader::new(robot, to);
     let mut topics: HashMap<u16, String> = HashMap::new();
     let mut position = 0u64;
     let mut records = LinearReader::new();
@@ -188,9 +227,15 @@ pub fn stream(
             }
             Record::Metadata(metadata) if metadata.name == ABOUT => {
                 reader.run.about = metadata.metadata;
-                if let Some(other) = reader.run.about.get("format").filter(|of| *of != FORMAT) {
+                if let Some(other) = reader
+                    .run
+                    .about
+                    .get("format")
+                    .filter(|of| !FORMATS.contains(&of.as_str()))
+                {
                     return Err(refuse(format!(
-                        "log of format {other}: this program reads format {FORMAT}"
+                        "log of format {other}: this program reads formats {}",
+                        FORMATS.join(" and ")
                     )));
                 }
             }
@@ -317,8 +362,12 @@ impl<'a> Reader<'a> {
             }
             "/bus" => {
                 let entry: BusEntry = parse(data)?;
+                let robot = self.robot;
+                let named = |role: &Role| robot.name(*role) == entry.board;
+                let sender = robot.boards().find(named);
+                let sender = sender.ok_or_else(|| format!("no board {}", entry.board))?;
                 let frames = entry.frames.into_iter();
-                let board = &mut self.boards[self.robot.place(entry.board)];
+                let board = &mut self.boards[robot.place(sender)];
                 if board.on {
                     let frames = frames.map(|logged| (entry.tick, logged.frame.0));
                     board.sent.extend(frames);
@@ -472,7 +521,7 @@ mod tests {
     fn late_output_of_the_lead_node_is_refused() {
         let mut ticks = Vec::new();
         let mut keep = |_, event: Event| ticks.push(event.tick());
-        let mut reader = Reader::new(ROBOT, &mut keep);
+        let mut reader = Reader::new(Topology::PAIR, &mut keep);
         for tick in [0, 10, MAX_OUTPUT_DELAY_MS + 5] {
             let event = Event::Command(tick, HostCommand::Lost);
             reader.push(Role::LEAD, event).unwrap();

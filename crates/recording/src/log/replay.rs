@@ -492,8 +492,9 @@ pub(super) mod tests {
     use host_sim::targets::{Failure, FailureMode};
     use std::fs;
 
-    fn scenario() -> Scenario {
+    fn scenario(axles: u32) -> Scenario {
         let mut scenario = Scenario::default();
+        scenario.robot.geometry.axles = axles;
         scenario.world.sensors.gyro.fitted = true;
         scenario.world.sensors.accelerometer.fitted = true;
         scenario.world.bus.loss = 0.02;
@@ -502,9 +503,14 @@ pub(super) mod tests {
 
     /// Log of `ticks` ticks, as bytes; the robot drives from 0.2 s on.
     pub(in crate::log) fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
+        recorded_of(2, ticks, prepare)
+    }
+
+    /// As [`recorded`], of a robot with this number of axles.
+    fn recorded_of(axles: u32, ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
-        let scenario = scenario();
+        let scenario = scenario(axles);
         let about = About {
             command: "test",
             build: "test",
@@ -517,7 +523,7 @@ pub(super) mod tests {
             ..Destinations::default()
         };
         let session = Session::begin(&args, &about).unwrap().unwrap();
-        let targets = session.tap(targets::in_process(read::ROBOT), &scenario);
+        let targets = session.tap(targets::in_process(scenario.robot.topology()), &scenario);
         let mut simulation = Simulation::on(targets, &scenario, 5, 0).unwrap();
         simulation.observe(Box::new(session.clone()));
         prepare(&mut simulation);
@@ -537,15 +543,18 @@ pub(super) mod tests {
 
     /// First difference between this program's nodes and a recording.
     pub(in crate::log) fn compare(boards: &Events) -> Result<Option<Divergence>, Error> {
-        let mut comparison = Comparison::new(read::ROBOT);
-        for (role, events) in read::ROBOT.boards().zip(boards) {
+        // A robot has one board fewer than twice its axles.
+        let robot = Topology::new(boards.len().div_ceil(2)).unwrap();
+        let mut comparison = Comparison::new(robot);
+        for (role, events) in robot.boards().zip(boards) {
             events.iter().for_each(|event| comparison.take(role, event));
         }
         comparison.first()
     }
 
     fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut RecordedTick {
-        let events = recording.boards[read::ROBOT.place(role)].iter_mut();
+        let place = recording.robot.place(role);
+        let events = recording.boards[place].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),
             _ => None,
@@ -593,6 +602,40 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn recording_of_three_axles_replays_bit_for_bit_with_every_axle_in_its_topics() {
+        let bytes = recorded_of(3, 1000, |_| ());
+        let recording = read::read(&bytes, "log").unwrap();
+        assert_eq!(recording.robot, Topology::new(3).unwrap());
+        assert_eq!(recording.run.about["format"], "4");
+        for (role, events) in recording.robot.boards().zip(&recording.boards) {
+            let ticks = events
+                .iter()
+                .filter(|event| matches!(event, Event::Tick(_)));
+            assert_eq!(ticks.count(), 1000, "{role:?}");
+        }
+        assert_eq!(compare(&recording.boards).unwrap(), None);
+        let mut topics = std::collections::BTreeMap::<String, usize>::new();
+        for message in mcap::MessageStream::new(&bytes).unwrap() {
+            *topics
+                .entry(message.unwrap().channel.topic.clone())
+                .or_default() += 1;
+        }
+        for topic in [
+            "/truth/front",
+            "/truth/axle-2",
+            "/truth/rear",
+            "/truth/beam-1",
+            "/truth/beam-2",
+        ] {
+            assert_eq!(topics.get(topic), Some(&100), "{topic}: {topics:?}");
+        }
+        assert!(topics["/estimate/axle-2"] > 90, "{topics:?}");
+        // First and last axle of the straight robot are two frames apart.
+        let apart = recording.run.truth.values().next().unwrap().relative.x_m;
+        assert!((apart - 2.0 * 0.37).abs() < 1e-3, "{apart}");
+    }
+
+    #[test]
     fn recording_with_failing_and_restarting_boards_replays_exactly() {
         let bytes = recorded(1500, |simulation| {
             let failure = |role, at| Failure {
@@ -605,7 +648,7 @@ pub(super) mod tests {
         });
         let recording = read::read(&bytes, "log").unwrap();
         let starts = |role: Role| {
-            let events = recording.boards[read::ROBOT.place(role)].iter();
+            let events = recording.boards[recording.robot.place(role)].iter();
             events.filter(|event| event.config().is_some()).count()
         };
         assert_eq!(Role::PAIR.map(starts), [1, 2, 2]);
@@ -616,12 +659,12 @@ pub(super) mod tests {
     fn replay_with_equal_parameters_gives_equal_estimates_and_others_differ() {
         let recording = read::read(&recorded(11_000, |_| ()), "log").unwrap();
         let mut recorded = RecordedEstimates::default();
-        for event in &recording.boards[read::ROBOT.place(Role::LEAD)] {
+        for event in &recording.boards[recording.robot.place(Role::LEAD)] {
             recorded.take(Role::LEAD, event);
         }
         let estimates = recorded.estimates;
         assert_eq!(estimates.len(), 1100);
-        let same = replay_estimates(read::ROBOT, &recording.boards, &|config| *config).unwrap();
+        let same = replay_estimates(recording.robot, &recording.boards, &|config| *config).unwrap();
         assert!(
             same == estimates,
             "frames were lost alike, and none came otherwise"
@@ -633,7 +676,7 @@ pub(super) mod tests {
             config.geometry.wheel_radius_m *= 1.01;
             config
         };
-        let wrong = replay_estimates(read::ROBOT, &recording.boards, &larger).unwrap();
+        let wrong = replay_estimates(recording.robot, &recording.boards, &larger).unwrap();
         let path_length = |estimates: &Estimates| {
             let at = |time| estimates[&time].robot.posture;
             let (start, end) = (at(200), at(7990));
