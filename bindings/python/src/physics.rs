@@ -59,6 +59,7 @@ pub fn beside<W: Work>(
             values: vec![0.0; sensed],
         }
     });
+    inner.own.check_axles(topology)?;
     let drawn = inner.world.draw(topology, seed, trial);
     let boards = targets::in_process_with(topology, &inner.own);
     let mut robot = Simulation::beside(physics, boards, inner, &drawn, (seed, trial))?;

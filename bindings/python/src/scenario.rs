@@ -28,6 +28,7 @@ pub fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
 /// world: a name of `worlds()`, or the path of a TOML file; without it the world of `text`, or careful.
 /// text: scenario as TOML; missing keys keep their defaults.
 /// changes: changes of single keys, as "plant.friction=0.5"; later ones count.
+/// axles: number of axles, 2 to 5, as the change "robot.geometry.axles=3".
 ///
 /// A refused key raises InputError with its field, value and allowed values.
 #[pyclass(frozen, eq, module = "cfmmr")]
@@ -71,8 +72,14 @@ impl Scenario {
 #[pymethods]
 impl Scenario {
     #[new]
-    #[pyo3(signature = (world=None, text=String::new(), changes=Vec::new()))]
-    fn new(world: Option<String>, text: String, changes: Vec<String>) -> PyResult<Self> {
+    #[pyo3(signature = (world=None, text=String::new(), changes=Vec::new(), axles=None))]
+    fn new(
+        world: Option<String>,
+        text: String,
+        mut changes: Vec<String>,
+        axles: Option<i64>,
+    ) -> PyResult<Self> {
+        changes.extend(axles.map(|axles| format!("robot.geometry.axles={axles}")));
         Self::of(Source {
             world,
             text,
@@ -85,7 +92,7 @@ impl Scenario {
     #[pyo3(signature = (path, world=None, changes=Vec::new()))]
     fn load(path: PathBuf, world: Option<String>, changes: Vec<String>) -> PyResult<Self> {
         let (text, _) = toml_file::read(Some(&path)).map_err(|error| of(&error))?;
-        Self::new(world, text, changes)
+        Self::new(world, text, changes, None)
     }
 
     /// Copy with further changes of keys, as "plant.friction=0.5".
@@ -94,7 +101,8 @@ impl Scenario {
         self.with(changes)
     }
 
-    /// Scenarios of the rows of `cfmmr posture`: main, pair, joint or all.
+    /// Scenarios of the rows of `cfmmr posture`: main, pair, joint or all. Fusions of one pair of axles are left out with
+    /// more than two axles.
     #[pyo3(signature = (rows="main"))]
     fn rows(&self, rows: &str) -> PyResult<Vec<Self>> {
         let rows: &[Variant] = match rows {
@@ -104,7 +112,9 @@ impl Scenario {
             "all" => &Variant::ALL,
             _ => return Err(refused("rows", rows, "main, pair, joint or all")),
         };
-        rows.iter().map(|row| self.variant(row)).collect()
+        let robot = self.inner.robot.topology();
+        let rows = rows.iter().filter(|row| row.fits(robot));
+        rows.map(|row| self.variant(row)).collect()
     }
 
     /// Name of the world, with ", changed" if a value differs.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cfmmr
-from cfmmr import Scenario, read, run, run_many, trials
+from cfmmr import InputError, Scenario, read, run, run_many, trials
 from conftest import Loop
 
 
@@ -126,3 +126,16 @@ def test_drawn_robot_is_that_of_its_seed(careful):
     assert cfmmr.drawn(careful, 1) == cfmmr.drawn(careful, 1) != cfmmr.drawn(careful, 2)
     start = cfmmr.drawn_plant(careful, 31, 4)["start"]
     assert np.allclose(start, cfmmr.Plant(careful, 31, 4).midpoint, atol=1e-9)
+
+
+def test_three_axles_have_columns_of_each_axle():
+    scenario = Scenario(axles=3).changed("mission.time_limit_s=1")
+    assert scenario["robot.geometry.axles"] == 3
+    log, _ = run(scenario, 1)
+    for name in ("truth.front", "truth.axle-2.axle", "truth.beam-2.relative", "lead.axle-2"):
+        assert log[name].shape == (len(log["time_s"]), 3)
+    apart = np.linalg.norm(log["truth.axle-2.axle"][0, :2] - log["truth.front"][0, :2])
+    assert apart == pytest.approx(0.37, abs=2e-3)
+    assert len(scenario.rows("all")) == 4, "fusions of one pair are left out"
+    with pytest.raises(InputError, match="robot.geometry.axles"):
+        Scenario(axles=6)

@@ -5,6 +5,7 @@
     reason = "a test compares with another implementation"
 )]
 
+mod axles;
 mod calibration;
 mod command_line;
 mod consistency;

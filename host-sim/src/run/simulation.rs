@@ -409,6 +409,80 @@ mod tests {
         assert!(ticks > bus + 1, "{ticks}");
     }
 
+    /// Three to five axles at rest: every estimate is near its true posture and claims no more than it knows.
+    #[test]
+    fn chains_at_rest_are_estimated_within_their_claims() {
+        use crate::base::statistics::nees;
+        use crate::run::robot::estimated_axles;
+        for axles in 3..=5 {
+            let mut scenario = Scenario::parse(None, "", "test", &[]).unwrap();
+            scenario.robot.geometry.axles = axles;
+            scenario.check().unwrap();
+            let mut simulation = Simulation::new(&scenario, 3, 0).unwrap();
+            for _ in 0..1000 {
+                simulation.step().unwrap();
+            }
+            let record = simulation.record();
+            let count = axles as usize;
+            assert_eq!(
+                (record.axles.len(), record.frames.len()),
+                (count, count - 1)
+            );
+            let estimated: Vec<_> = estimated_axles(&record.lead).collect();
+            assert_eq!(estimated.len(), count);
+            for (axle, estimate) in record.axles.iter().zip(&estimated) {
+                let off = libm::hypot(
+                    axle.posture[0] - f64::from(estimate.x),
+                    axle.posture[1] - f64::from(estimate.y),
+                );
+                // Placement: 5 mm along each axis and 10 mrad, at most 0.74 m from the midpoint.
+                assert!(off < 0.04, "{axles}: {off}");
+            }
+            let nees = nees(&record.lead.fused.robot, record.midpoint);
+            assert!(nees < 16.0, "{axles}: {nees}");
+            let middle = |k: usize| {
+                let mean = record
+                    .axles
+                    .windows(2)
+                    .map(|it| 0.5 * (it[0].posture[k] + it[1].posture[k]));
+                mean.sum::<f64>() / (count - 1) as f64
+            };
+            assert!((0..2).all(|k| (record.midpoint[k] - middle(k)).abs() < 1e-9));
+            assert_eq!(
+                simulation.bus().late,
+                0,
+                "reports of {axles} axles are late"
+            );
+            // The load table gives the worst case of stuff bits.
+            let load = simulation.bus().busy_us as f64 / 1e6;
+            let robot = scenario.robot.topology();
+            let most = core_algos::bus::layout::load(robot, 1e6);
+            assert!(
+                load > 0.6 * f64::from(most) && load < f64::from(most),
+                "{axles}: {load} {most}"
+            );
+        }
+    }
+
+    /// The bridges of each frame have zeros of their own, and its board is calibrated with these.
+    #[test]
+    fn strains_of_each_straight_frame_are_near_zero() {
+        let mut scenario = Scenario::parse(None, "", "test", &[]).unwrap();
+        scenario.robot.geometry.axles = 3;
+        let mut simulation = Simulation::new(&scenario, 5, 0).unwrap();
+        for _ in 0..200 {
+            simulation.step().unwrap();
+        }
+        for frame in &simulation.record().frames {
+            // Zeros of bridges are spread by 200 microstrain; drift and noise by a few.
+            assert!(
+                frame.strain.iter().all(|strain| strain.abs() < 6e-5),
+                "{:?}",
+                frame.strain
+            );
+        }
+    }
+
     #[test]
     fn sensor_stuck_from_the_first_tick_does_not_end_the_run() {
         use crate::world::faults::{Fault, Wheel};

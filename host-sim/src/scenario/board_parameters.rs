@@ -294,6 +294,23 @@ mod tests {
         assert!(overlays.values(Role::axle(2)).unwrap().is_empty());
     }
 
+    /// The name `rear` is a board of every robot; inner boards are refused on a shorter robot.
+    #[test]
+    fn boards_that_the_robot_does_not_have_are_refused_by_name() {
+        let table =
+            |board: &str| format!("[boards.{board}]\nrobot.geometry.wheel_radius_m = 0.07\n");
+        for (board, axles) in [("rear", 2), ("axle-2", 3), ("beam-1", 3), ("beam-4", 5)] {
+            let overlays = Overlays::parse(&table(board), "file").unwrap();
+            assert_eq!(overlays.topology.axle_count(), axles, "{board}");
+        }
+        let overlays = Overlays::parse(&table("axle-2"), "file").unwrap();
+        let error = overlays.of(Topology::PAIR).check().unwrap_err().to_string();
+        assert!(
+            error.contains("boards.axle-2") && error.contains("front, rear, beam"),
+            "{error}"
+        );
+    }
+
     #[test]
     fn list_entry_and_single_entry_set_same_parameter_and_last_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";

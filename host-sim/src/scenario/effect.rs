@@ -153,9 +153,9 @@ impl GivenKeys {
         Ok(())
     }
 
-    /// Refuses a key of `--set` that is outside of `table`; the error states `reason`.
-    pub fn check_only(&self, table: &str, reason: &str) -> Result<(), Error> {
-        match self.set.iter().find(|key| !within(key, table)) {
+    /// Refuses a key of `--set` that is none of `keys` (keys or tables, separated by spaces); the error states `reason`.
+    pub fn check_only(&self, keys: &str, reason: &str) -> Result<(), Error> {
+        match self.set.iter().find(|key| !listed(key, keys)) {
             Some(key) => Err(Error::input(format!("--set {key}: no effect {reason}"))),
             None => Ok(()),
         }

@@ -58,7 +58,9 @@ def run_rows(
 class Scenario:
     """Everything a simulation depends on, apart from the seed."""
 
-    def __new__(cls, world: str | None = None, text: str = ..., changes: Sequence[str] = ...) -> Scenario: ...
+    def __new__(
+        cls, world: str | None = None, text: str = ..., changes: Sequence[str] = ..., axles: SupportsIndex | None = None
+    ) -> Scenario: ...
     @staticmethod
     def load(path: str | PathLike[str], world: str | None = None, changes: Sequence[str] = ...) -> Scenario:
         """Reads a scenario from a TOML file."""

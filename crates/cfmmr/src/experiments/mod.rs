@@ -211,7 +211,8 @@ impl Context {
         );
         self.given.check(&[rps], &[])?;
         self.given.check_only(
-            "mission",
+            // The number of axles tells the program which boards there are.
+            "mission robot.geometry.axles",
             "for a real robot: set parameters in its boards by `cfmmr params`",
         )
     }

@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scenario; may be repeated"
     )
+    command.add_argument("--axles", metavar="N", type=int, help="number of axles, 2 to 5 [2]")
     command.add_argument("--trials", metavar="N", type=int, default=10, help="trials a row [10]")
     command.add_argument("--seed", metavar="S", type=int, default=1, help="seed of all random draws [1]")
     command.add_argument(
@@ -88,7 +89,7 @@ def _run(options: argparse.Namespace) -> int:
     sensors = [f"sensors.{sensor}.fitted={fitted}" for sensor in ("gyro", "accelerometer")] if options.imu else []
     if options.rows and options.imu:
         raise refused("--imu", "with --rows", "left out: the rows name their sensors")
-    scenario = Scenario(options.world, changes=[*options.set, *sensors])
+    scenario = Scenario(options.world, changes=[*options.set, *sensors], axles=options.axles)
     scenarios = scenario.rows(options.rows) if options.rows else [scenario]
     grounds = [Ground.parse(text) for text in options.ground or ["flat"]]
     path = options.path if options.task == "follow" else None

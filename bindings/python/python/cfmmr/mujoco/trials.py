@@ -65,7 +65,8 @@ def run_trial(row: Row, seed: int, trial: int, robot: type[MuJoCoRobot] = MuJoCo
     """Runs a trial of a row."""
     path = row.points
     places = [row.scenario["mission.start"][:2], row.scenario["mission.goal"][:2]] if path is None else path
-    reach = {} if isinstance(places, str) else {"reach_m": 1 + np.abs(places).max()}
+    longer_m = 0.8 * (row.scenario["robot.geometry.axles"] - 2)
+    reach = {} if isinstance(places, str) else {"reach_m": 1 + np.abs(places).max() + longer_m}
     plant = None if row.ground is None else partial(robot, ground=row.ground, impratio=row.impratio, **reach)
     if path is None:
         log, end = run(row.scenario, seed, trial, plant=plant)
