@@ -12,9 +12,9 @@ use core_algos::link::protocol::{
     Request, StackUse, Telemetry,
 };
 use core_algos::node::board::Samples;
+use core_algos::node::lead::step_phase;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::lead::step_phase;
 use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
@@ -234,7 +234,7 @@ pub(super) fn check_hello(
     }
     if role != wanted {
         return Err(Error::input(format!(
-            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
+            "--on serial:{name}: the {name} board's port leads to the {} board: check ports, strap and board.place",
             robot.name(role)
         )));
     }

@@ -62,7 +62,11 @@ impl Circuit for Port {
     fn advance(&mut self, at: Time, inputs: &mut Inputs) {
         if !self.strap_set {
             self.strap_set = true;
-            let strap = if self.grounded { Drive::Low } else { Drive::Open };
+            let strap = if self.grounded {
+                Drive::Low
+            } else {
+                Drive::Open
+            };
             inputs.pins.push((STRAP, strap));
         }
         self.line.advance(at, inputs);

@@ -269,13 +269,7 @@ impl BeamTick {
 }
 
 /// Sends the result of a calibration on the bus.
-fn reply(
-    frame: FrameId,
-    sequence: u8,
-    result: CalibrationResult,
-    gauge: u8,
-    common: &mut Common,
-) {
+fn reply(frame: FrameId, sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
     common.send(&Message::BeamCalibrated {
         frame,
         sequence,

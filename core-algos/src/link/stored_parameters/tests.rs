@@ -163,8 +163,15 @@ fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
 #[test]
 fn source_and_saved_are_reported_for_each_value() {
     let off = Disarmed::of(None).unwrap();
-    let (radius, gap) = (index("robot.geometry.wheel_radius_m"), index("button.goal.phi"));
-    let default = |index: u8| parameter(index).unwrap().get(&Settings::of(BoardKind::PlacedAxle));
+    let (radius, gap) = (
+        index("robot.geometry.wheel_radius_m"),
+        index("button.goal.phi"),
+    );
+    let default = |index: u8| {
+        parameter(index)
+            .unwrap()
+            .get(&Settings::of(BoardKind::PlacedAxle))
+    };
     let (_, high) = parameter(gap).unwrap().range;
     let other = if default(gap) < high {
         high
@@ -218,7 +225,10 @@ fn place_is_saved_if_the_robot_has_it_and_gives_the_role_after_a_reset() {
     // The store of a board with this role is read alike.
     host.reset(Role::axle(3));
     host.hello();
-    host.expect(&Request::Parameter { index: place }, kept(3.0, Source::Stored, true));
+    host.expect(
+        &Request::Parameter { index: place },
+        kept(3.0, Source::Stored, true),
+    );
     host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
 }
 

@@ -96,14 +96,12 @@ impl Parameters {
     #[inline(never)]
     fn unread(flash: Peri<'static, FLASH>, kind: BoardKind) -> &'static mut Self {
         static PARAMETERS: StaticCell<Parameters> = StaticCell::new();
-        PARAMETERS.init_with(|| {
-            Self {
-                store: open(flash),
-                kind,
-                settings: Settings::of(kind),
-                report: StoreReport::default(),
-                role: kind.unplaced(),
-            }
+        PARAMETERS.init_with(|| Self {
+            store: open(flash),
+            kind,
+            settings: Settings::of(kind),
+            report: StoreReport::default(),
+            role: kind.unplaced(),
         })
     }
 
