@@ -18,7 +18,7 @@
 //! | stop | the last curvature | brakes |
 //! | regulate | the plan ([`planner`]), which moves with the goal | configured; stops at cusp and goal |
 //! | follow | the path, then straight on for half a body | configured; stops when the middle is at the end |
-//! | track | as follow | that of the trajectory at the middle, plus a correction of the distance |
+//! | track | as follow | that of the trajectory at the first axle, plus a correction of the distance |
 //! | drive | the commanded curvature | commanded; a change of direction stops first |
 //!
 //! # Start
@@ -456,10 +456,12 @@ impl Train {
                 let speed = trajectory.time_law(*time_s).map_or(0.0, |[s, v, rate]| {
                     let end = state.on_route.unwrap_or(s);
                     let ahead = state.curve.ahead(state.leader(self), state.direction);
-                    let middle = end - ahead - 0.5 * self.body;
+                    // After the time of the trajectory the first axle goes on until the middle is at the end.
+                    let since = greater(*time_s - trajectory.end(), 0.0);
+                    let beyond = lesser(self.config.speed_m_s * since, 0.5 * self.body);
                     // The speed of the leader trails a rising wish by its time constant.
                     let lead = self.config.speed_lag_s * greater(rate, 0.0);
-                    v + lead + self.config.trajectory_gain_per_s * (s - middle)
+                    v + lead + self.config.trajectory_gain_per_s * (s + beyond - (end - ahead))
                 });
                 self.on_route(state, *trajectory, greater(speed, 0.0))
             }

@@ -1,4 +1,4 @@
-//! Two boards with one role, for example after the strap of the rear board broke.
+//! Two boards with one role, for example after the strap of the rear board broke or with one stored place.
 //!
 //! Both would drive as the same axle, and two front boards would both command the robot. A CAN controller does not
 //! receive its own frames, so a message in the name of the board's own role comes from another board.
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::bus::field::Hash24;
     use crate::safety::{Conditions, OperatingState};
-    use crate::topology::{Node, Topology};
+    use crate::topology::{MAX_AXLES, Node, Topology};
 
     fn status(node: Node) -> Message {
         Message::NodeStatus {
@@ -84,8 +84,11 @@ mod tests {
             (Node::axle(1), Role::axle(1)),
             (Node::beam(0), Role::beam(0)),
         ];
-        for own in Topology::PAIR.boards() {
-            for (node, role) in nodes {
+        let inner = [2, 3, 4].map(|axle| (Node::axle(axle), Role::axle(axle)));
+        let frames = [1, 2, 3].map(|frame| (Node::beam(frame), Role::beam(frame)));
+        let nodes = nodes.into_iter().chain(inner).chain(frames);
+        for own in Topology::new(MAX_AXLES).unwrap().boards() {
+            for (node, role) in nodes.clone() {
                 let mut conflict = RoleConflict::new(own);
                 conflict.receive(5, &status(node));
                 assert_eq!(conflict.is_present(5), role == own, "{own:?} {node:?}");

@@ -21,7 +21,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
         images: None,
         quick: false,
     };
-    let all = catalogue();
+    let all = catalogue(Topology::PAIR);
     let entries: Vec<&Entry> = all.iter().filter(|entry| !entry.needs_images()).collect();
     let report = faults::campaign(&campaign, &entries, 2).unwrap();
     assert_eq!(report.failures_text(), "");
@@ -38,7 +38,7 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
 /// A run is wrong if the definition of its fault does not allow the actual end, code or time.
 #[test]
 fn outcomes_beyond_an_entry_are_wrong() {
-    let all = catalogue();
+    let all = catalogue(Topology::PAIR);
     let named = |name| {
         all.iter()
             .find(|entry: &&Entry| entry.name == name)
@@ -181,7 +181,7 @@ fn raised(change: &str, fault: Fault, tick: u32) -> Vec<Condition> {
 fn each_code_is_raised_by_a_fault() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/faults.md");
     let page = std::fs::read_to_string(page).unwrap();
-    let modelled = catalogue()
+    let modelled = catalogue(Topology::PAIR)
         .into_iter()
         .filter_map(|entry| match entry.kind {
             RunKind::Model(fault) => Some(("bus.loss=0.001", fault)),

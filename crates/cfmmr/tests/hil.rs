@@ -363,7 +363,7 @@ fn faulty(
 
 #[test]
 fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
-    let all = catalogue();
+    let all = catalogue(Topology::PAIR);
     let (crash, hang) = (FailureMode::Crash, FailureMode::Hang);
     for (name, unannounced) in [
         ("front board resets", None),

@@ -166,7 +166,9 @@ impl Situation {
             panic!("{line}");
         };
         let (name, tick) = fault.split_once(" @").unwrap_or((fault, FAULT_TICK));
-        let entry = catalogue().into_iter().find(|entry| entry.name == name);
+        let entry = catalogue(Topology::PAIR)
+            .into_iter()
+            .find(|entry| entry.name == name);
         assert!(fault.is_empty() || entry.is_some(), "{line}");
         let modelled = entry.and_then(|entry| match entry.kind {
             RunKind::Model(fault) => Some(fault),

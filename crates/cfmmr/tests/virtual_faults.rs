@@ -1,6 +1,7 @@
 //! Some faults of virtual boards, and the verdict on their outcomes.
 
 use crate::program::assert_refused;
+use core_algos::topology::Topology;
 use host_sim::scenario::Scenario;
 use remote::images::Images;
 use remote::virtual_robot::faults::{
@@ -30,13 +31,16 @@ fn outcomes(entries: &[Entry]) -> Vec<Outcome> {
 }
 
 fn named(name: &str) -> Entry {
-    let mut entries = catalogue().into_iter();
+    let mut entries = catalogue(Topology::PAIR).into_iter();
     entries.find(|entry| entry.name == name).unwrap()
 }
 
 #[test]
 fn catalogue_has_each_fault_once() {
-    let names: Vec<&str> = catalogue().iter().map(|entry| entry.name).collect();
+    let names: Vec<&str> = catalogue(Topology::PAIR)
+        .iter()
+        .map(|entry| entry.name)
+        .collect();
     let different: HashSet<&&str> = names.iter().collect();
     assert!(names.len() >= 40 && different.len() == names.len());
 }

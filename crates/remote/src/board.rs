@@ -234,7 +234,7 @@ pub(super) fn check_hello(
     }
     if role != wanted {
         return Err(Error::input(format!(
-            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
+            "--on serial:{name}: the {name} board's port leads to the {} board: check ports, strap and board.place",
             robot.name(role)
         )));
     }

@@ -46,6 +46,9 @@ pub struct Route {
     path: Path,
     trajectory: Trajectory,
     max_curvature: f64,
+    /// Distance of the point that drives on the path ahead of O, on a straight, m: 0 for O itself. Of three and more
+    /// axles the first one drives on the path.
+    ahead_m: f64,
 }
 
 /// Largest allowed distances of a robot from the start of a path, m: at a planned posture, and at the estimated
@@ -78,11 +81,18 @@ impl Route {
         (since, age): (Micros, Micros),
         arc_lengths: &mut [f64; 2],
     ) -> [Deviation; 2] {
-        let center = record.lead.fused.robot.posture;
-        let estimate = [center.x, center.y, center.phi].map(f64::from);
+        let fused = &record.lead.fused;
+        let (truth, estimate) = match self.ahead_m {
+            0.0 => (record.midpoint, fused.robot.posture),
+            _ => {
+                let first = record.axles.first().map(|axle| axle.posture);
+                (first.unwrap_or(record.midpoint), fused.front.posture)
+            }
+        };
+        let estimate = [estimate.x, estimate.y, estimate.phi].map(f64::from);
         let ages = [0, age];
         let mut deviations = [Deviation::default(); 2];
-        for (i, [x, y, phi]) in [record.midpoint, estimate].into_iter().enumerate() {
+        for (i, [x, y, phi]) in [truth, estimate].into_iter().enumerate() {
             arc_lengths[i] = match path_mode {
                 PathMode::Follow => self.path.nearest(x, y, arc_lengths[i], WINDOW_M),
                 PathMode::Track => {
@@ -128,6 +138,12 @@ impl Route {
             path,
             trajectory,
             max_curvature: bounds.max_curvature(),
+            ahead_m: match scenario.robot.topology().frame_count() {
+                1 => 0.0,
+                frames => {
+                    0.5 * frames as f64 * (bounds.frame_length_m + 2.0 * bounds.rigid_end_m)
+                }
+            },
         })
     }
 
@@ -141,14 +157,16 @@ impl Route {
         self.max_curvature
     }
 
-    /// Posture of the route's first point: m, m, rad.
+    /// Posture of O at the start of the route: m, m, rad. O is at the first point; of three and more axles, the first
+    /// one is.
     pub fn start(&self) -> [f64; 3] {
-        posture(&self.path.samples()[0])
+        moved_ahead(posture(&self.path.samples()[0]), -self.ahead_m)
     }
 
     /// Refuses a posture from which the robot cannot begin the path: farther than `most` (m) from the start, too far
     /// along the path, or turned away from the path.
     pub fn check_start(&self, at: [f64; 3], most: f64) -> Result<(), PathError> {
+        let at = moved_ahead(at, self.ahead_m);
         let [x, y, _] = at;
         let s = self.path.nearest(x, y, 0.0, most.max(MAX_PASSED_M));
         let off = Deviation::of(at, &self.path.at(0.0));
@@ -192,6 +210,12 @@ impl Route {
 
 fn posture(at: &Sample) -> [f64; 3] {
     [at.x, at.y, at.phi]
+}
+
+/// The posture `distance` (m) ahead on a straight.
+fn moved_ahead([x, y, phi]: [f64; 3], distance: f64) -> [f64; 3] {
+    let (sin, cos) = libm::sincos(phi);
+    [x + distance * cos, y + distance * sin, phi]
 }
 
 /// Deviation of a posture from the reference point of a path or trajectory.

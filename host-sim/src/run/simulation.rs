@@ -45,7 +45,7 @@ pub trait Physics {
     fn lift_wheel(&mut self, _wheel: Wheel) {}
 
     /// Applies the injected fault of the frame. Only the plant has injected faults.
-    fn snap_frame(&mut self) {}
+    fn snap_frame(&mut self, _frame: usize) {}
 }
 
 /// Plant of a drawn robot with the true positions of its gauges.
@@ -126,8 +126,8 @@ impl Physics for DrawnPlant {
         self.plant.lift_wheel(axle, side as usize);
     }
 
-    fn snap_frame(&mut self) {
-        self.plant.snap_frame(0);
+    fn snap_frame(&mut self, frame: usize) {
+        self.plant.snap_frame(frame);
     }
 }
 
@@ -265,8 +265,8 @@ impl<P: Physics> Simulation<P> {
             if let Some(wheel) = injector.lifts(tick) {
                 self.physics.lift_wheel(wheel);
             }
-            if injector.snaps(tick) {
-                self.physics.snap_frame();
+            if let Some(frame) = injector.snaps(tick) {
+                self.physics.snap_frame(frame);
             }
         }
     }

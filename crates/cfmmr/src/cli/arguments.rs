@@ -7,7 +7,7 @@ use crate::experiments::run::place::{BAUD, BoardPlace, Site, board_named, board_
 use crate::experiments::run::plan::Plan;
 use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Inputs};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use core_algos::time::Micros;
 use core_algos::topology::{MAX_AXLES, Role, Topology};
 use host_sim::base::error::Error;
@@ -42,6 +42,12 @@ pub struct AxlesArg {
 }
 
 impl AxlesArg {
+    /// Robot of a command without a scenario.
+    pub fn robot(&self) -> Topology {
+        let axles = self.axles.map(usize::from);
+        axles.and_then(Topology::new).unwrap_or(Topology::PAIR)
+    }
+
     /// Changes of the scenario by `--set` and this option; refuses two numbers of axles.
     pub fn changes(&self, set: &[String]) -> Result<Vec<String>, Error> {
         const KEY: &str = "robot.geometry.axles";
@@ -464,27 +470,6 @@ pub fn refuse(options: &[(&str, bool)], why: &str) -> Result<(), Error> {
     match options.iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::input(format!("{option}: {why}"))),
         None => Ok(()),
-    }
-}
-
-/// A board of the robot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum BoardName {
-    /// Front axle and lead node
-    Front,
-    /// Rear axle
-    Rear,
-    /// Instrumented frame
-    Beam,
-}
-
-impl From<BoardName> for Role {
-    fn from(name: BoardName) -> Self {
-        match name {
-            BoardName::Front => Self::LEAD,
-            BoardName::Rear => Self::axle(1),
-            BoardName::Beam => Self::beam(0),
-        }
     }
 }
 

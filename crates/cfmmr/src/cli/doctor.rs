@@ -1,6 +1,6 @@
 //! `cfmmr doctor`: checks the tools and devices for simulation and hardware in the loop, and prints remedies.
 
-use super::arguments::{BoardArgs, JsonArgs};
+use super::arguments::{AxlesArg, BoardArgs, JsonArgs};
 use crate::cli::doctor_boards;
 use crate::experiments::result::Provenance;
 use clap::Args;
@@ -22,6 +22,9 @@ pub struct DoctorArgs {
     /// Boards of a robot to ask for image, stack and faults, instead of the checks of this computer
     #[command(flatten)]
     pub boards: BoardArgs,
+    /// Option that sets the number of axles whose boards are read.
+    #[command(flatten)]
+    pub axles: AxlesArg,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
@@ -124,7 +127,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     args.boards.check()?;
     if args.boards.on.is_outside() {
-        return doctor_boards::run(&args.boards, &json);
+        return doctor_boards::run(args.axles.robot(), &args.boards, &json);
     }
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
     let checks = vec![

@@ -3,8 +3,8 @@
 use super::arguments::BoardArgs;
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
-use crate::experiments::run::place::{BoardPlace, ROBOT};
-use core_algos::topology::Role;
+use crate::experiments::run::place::BoardPlace;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::targets::Target;
 use output::table::Table;
@@ -38,23 +38,23 @@ struct BoardsReport {
 }
 
 /// Reads the boards' reports; fails if a board does not answer or had a fault.
-pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
+pub fn run(robot: Topology, args: &BoardArgs, json: &Json) -> Result<(), Error> {
     if !matches!(args.on, BoardPlace::Serial(_)) {
         return Err(Error::input(
             "--on: must be serial:front=PORT: only real boards have a state before a run",
         ));
     }
-    let links = Links::new(ROBOT, &args.on, args.baud(), None)?;
+    let links = Links::new(robot, &args.on, args.baud(), None)?;
     let mut boards = Vec::new();
     // Ports that did not answer; boards behind them are skipped.
     let mut silent_ports = Vec::new();
-    for role in ROBOT.boards() {
+    for role in robot.boards() {
         let port = links.port_of(role);
         let row = match port.filter(|port| silent_ports.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
                 "{} board: not read: the port of the {} board does not answer",
-                ROBOT.name(role),
-                ROBOT.name(port)
+                robot.name(role),
+                robot.name(port)
             ))),
             None => of_board(&links, role),
         };
@@ -69,7 +69,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
                 }
             }
         };
-        let board = ROBOT.name(role);
+        let board = robot.name(role);
         boards.push(BoardRow { board, ..row });
     }
     let sound = |row: &BoardRow| {
@@ -99,12 +99,19 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
 }
 
 fn of_board(links: &Links, role: Role) -> Result<BoardRow, Error> {
-    let Some(link) = links.reach(role, &BoardLog::new(ROBOT.name(role)))? else {
+    let name = links.robot.name(role);
+    let Some(link) = links.reach(role, &BoardLog::new(name))? else {
         return Ok(BoardRow::default());
     };
-    let mut remote = Remote::new(ROBOT, role, link);
+    let mut remote = Remote::new(links.robot, role, link);
     remote.shorten_wait();
-    let record = remote.crash_record()?;
+    let relayed = links.port_of(role) != Some(role);
+    let record = remote.crash_record().map_err(|error| match error {
+        Error::NoAnswer(why) if relayed => Error::NoAnswer(format!(
+            "{why}: no board, or more than one, has this place (board.place)"
+        )),
+        error => error,
+    })?;
     let [panics, processor, watchdog, overflows] = record.counts;
     let stack = remote.stack();
     Ok(BoardRow {

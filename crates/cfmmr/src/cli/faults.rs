@@ -1,10 +1,11 @@
 //! `cfmmr faults`: injects every known fault at several times and with several seeds.
 
-use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
+use super::arguments::{AxlesArg, ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
 use crate::experiments::run::place::BoardPlace;
 use crate::experiments::{faults, pool};
 use clap::Args;
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
 use remote::virtual_robot::faults::{Campaign, Entry, catalogue};
@@ -18,6 +19,10 @@ pub struct FaultsArgs {
     /// Option that selects the world.
     #[command(flatten)]
     pub choice: WorldChoice,
+    /// Option that sets the number of axles; with three or more the faults occur at the second axle or the frame behind
+    /// it.
+    #[command(flatten)]
+    pub axles: AxlesArg,
     /// Run each fault with this number of seeds
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
@@ -94,7 +99,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         refuse(&args.images.given(), ONLY_VIRTUAL)?;
     }
     Ok(Campaign {
-        scenario: faults::scenario(args.choice.world.as_deref())?,
+        scenario: faults::scenario(args.choice.world.as_deref(), &args.axles.changes(&[])?)?,
         images,
         quick: args.quick,
     })
@@ -102,7 +107,14 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
 
 /// Runs `cfmmr faults`.
 pub fn run(args: &FaultsArgs) -> Result<(), Error> {
-    let all = catalogue();
+    let trials = settings(args)?;
+    let robot = trials.scenario.robot.topology();
+    if args.check && robot != Topology::PAIR {
+        return Err(Error::input(format!(
+            "--check: {PAGE} is of a robot of two axles; leave out --axles"
+        )));
+    }
+    let all = catalogue(robot);
     let entries = chosen(&all, args)?;
     let json = args.json.open()?;
     let committed = match args.check {
@@ -110,7 +122,6 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
             .map_err(|error| Error::input(format!("{PAGE}: {error}")))?,
         false => String::new(),
     };
-    let trials = settings(args)?;
     let pool = pool(args.threads)?;
     let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
     let report = pool.install(|| faults::campaign(&trials, &entries, seeds))?;

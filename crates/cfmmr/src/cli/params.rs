@@ -1,15 +1,16 @@
 //! `cfmmr params`: lists and changes the parameters in the boards' flash.
 
-use super::arguments::{BoardArgs, BoardName, JsonArgs};
+use super::arguments::{AxlesArg, BoardArgs, JsonArgs};
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::{Links, flash_of};
-use crate::experiments::run::place::ROBOT;
-use clap::{Args, Subcommand, ValueEnum};
+use crate::experiments::run::place::{board_named, board_names};
+use clap::{Args, Subcommand};
 use core_algos::link::Identity;
 use core_algos::params::{BoardKind, Parameter, Settings, Source, TABLE};
-use core_algos::topology::Role;
+use core_algos::topology::{MAX_AXLES, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::input;
+use host_sim::base::numbers::whole;
 use host_sim::scenario::board_parameters;
 use host_sim::scenario::board_parameters::{Overlays, Values};
 use output::files;
@@ -54,12 +55,37 @@ pub struct ParamsTarget {
     /// Keep the flash of in-process and virtual boards in files in this folder
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Select these boards, separated by commas [default: all]
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
-    pub board: Vec<BoardName>,
+    /// Name the boards as those of a robot with this number of axles [default: 2]
+    #[arg(long, value_name = "N", value_parser = whole::<u8>(2..=MAX_AXLES as u8))]
+    pub axles: Option<u8>,
+    /// Select these boards, separated by commas: front, axle-2, …, rear, beam, or beam-1, … of more than two axles
+    /// [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    pub board: Vec<String>,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
+}
+
+impl ParamsTarget {
+    /// Robot whose boards the command names.
+    fn robot(&self) -> Topology {
+        AxlesArg { axles: self.axles }.robot()
+    }
+
+    /// Selected boards; none if all are selected.
+    fn named(&self, robot: Topology) -> Result<Vec<Role>, Error> {
+        let role = |name: &String| {
+            board_named(robot, name).ok_or_else(|| {
+                let axles = robot.axle_count();
+                Error::input(format!(
+                    "--board {name}: must be {} of a robot of {axles} axles; --axles N names more",
+                    board_names(robot)
+                ))
+            })
+        };
+        self.board.iter().map(role).collect()
+    }
 }
 
 /// Arguments of `params get`.
@@ -160,27 +186,28 @@ fn at_each(
     mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
 ) -> Result<(), Error> {
     target.boards.check()?;
+    let robot = target.robot();
+    let named = target.named(robot)?;
     let links = Links::new(
-        ROBOT,
+        robot,
         &target.boards.on,
         target.boards.baud(),
         Some(target.flash.clone()),
     )?;
-    for role in ROBOT.boards() {
-        let named = target.board.iter().any(|name| Role::from(*name) == role);
-        if !target.board.is_empty() && !named {
+    for role in robot.boards() {
+        if !named.is_empty() && !named.contains(&role) {
             continue;
         }
-        let name = ROBOT.name(role);
+        let name = robot.name(role);
         let link = match links.reach(role, &BoardLog::new(name))? {
             Some(link) => link,
             None => {
                 let build = env!("CARGO_PKG_VERSION");
                 let file = flash_of(&target.flash, name);
-                Box::new(Loopback::keeping(ROBOT, Identity { build, role }, &file)?)
+                Box::new(Loopback::keeping(robot, Identity { build, role }, &file)?)
             }
         };
-        let mut remote = Remote::new(ROBOT, role, link);
+        let mut remote = Remote::new(robot, role, link);
         if target.boards.on.has_ports() {
             remote.end_earlier_session()?;
         }
@@ -201,6 +228,7 @@ fn write_json(json: &Json, parameters: &impl Serialize) -> Result<(), Error> {
 
 fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
     let json = target.json.open()?;
+    let robot = target.robot();
     let mut rows = Vec::new();
     at_each(target, |role, remote| {
         let base = Settings::of(BoardKind::of(role));
@@ -213,7 +241,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             } = kept;
             if wanted.iter().any(|other| other.id == parameter.id) {
                 rows.push(ParameterRow {
-                    board: ROBOT.name(role),
+                    board: robot.name(role),
                     name: parameter.name,
                     unit: parameter.unit,
                     value,
@@ -340,12 +368,13 @@ pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32
     let mut target = ParamsTarget {
         boards: boards.clone(),
         flash: flash.to_owned(),
+        axles: Some(overlays.topology.axle_count() as u8),
         board: Vec::new(),
         json: JsonArgs::default(),
     };
-    for name in BoardName::value_variants() {
-        if !overlays.values(Role::from(*name))?.is_empty() {
-            target.board.push(*name);
+    for role in overlays.topology.boards() {
+        if !overlays.values(role)?.is_empty() {
+            target.board.push(overlays.topology.name(role).to_owned());
         }
     }
     let mut written = 0;
@@ -366,6 +395,7 @@ fn change(
     wanted: impl Fn(Role) -> Result<Values, Error>,
 ) -> Result<(), Error> {
     let json = target.json.open()?;
+    let robot = target.robot();
     let mut changes = Vec::new();
     let mut written = 0;
     let done = at_each(target, |role, remote| {
@@ -374,7 +404,7 @@ fn change(
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
             remote.set_parameter(parameter, value)?;
             changes.push(ParameterChange {
-                board: ROBOT.name(role),
+                board: robot.name(role),
                 name: parameter.name,
                 unit: parameter.unit,
                 before: old.map_or(f32::NAN, |kept| kept.value),
@@ -416,7 +446,7 @@ fn change(
 
 fn run_export(export: &ParamsExport) -> Result<(), Error> {
     let json = export.target.json.open()?;
-    let mut overlays = Overlays::new(ROBOT);
+    let mut overlays = Overlays::new(export.target.robot());
     at_each(&export.target, |role, remote| {
         let kept = remote.parameters()?;
         let some = kept.iter().filter(|kept| export.all || kept.is_own());

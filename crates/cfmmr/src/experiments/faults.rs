@@ -328,8 +328,9 @@ pub fn campaign(
 }
 
 /// Scenario with all sensors fitted and rolling resistance, so that the robot comes to rest with its motors off.
-pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
-    let mut scenario = Scenario::in_world(world)?;
+/// `changes` are settings KEY=VALUE.
+pub fn scenario(world: Option<&str>, changes: &[String]) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::parse(world, "", "scenario", changes)?;
     let plant = &mut scenario.world.plant;
     plant.rolling_resistance = plant.rolling_resistance.max(0.02);
     scenario.world.sensors.gyro.fitted = true;

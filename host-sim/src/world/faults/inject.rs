@@ -32,6 +32,8 @@ impl Readings {
 #[derive(Clone, Debug)]
 pub struct Injector {
     fault: Fault,
+    /// Frame of a fault of gauges or of a frame.
+    frame: usize,
     /// First tick of the fault.
     at: u32,
     full_scale: i32,
@@ -43,8 +45,13 @@ impl Injector {
     /// Injector of `fault` from tick `at` on. `full_scale` is the largest count of the beam's converter; `held` are the
     /// readings at the last tick before the fault.
     pub fn new(fault: Fault, at: u32, full_scale: i32, held: Readings) -> Self {
+        let (frame, fault) = match fault {
+            Fault::OfFrame { frame, fault } => (frame, *fault),
+            fault => (0, fault),
+        };
         Self {
             fault,
+            frame,
             at,
             full_scale,
             held,
@@ -64,7 +71,7 @@ impl Injector {
             return;
         };
         let Readings { axles, frames } = readings;
-        let counts = &mut frames[0];
+        let counts = &mut frames[self.frame];
         match self.fault {
             Fault::GaugeRail { count, rail } => {
                 let rail = match rail {
@@ -74,7 +81,7 @@ impl Injector {
                 let gauges = counts.iter_mut().take(count);
                 gauges.for_each(|gauge| *gauge = rail);
             }
-            Fault::GaugeStuck(i) => counts[i] = self.held.frames[0][i],
+            Fault::GaugeStuck(i) => counts[i] = self.held.frames[self.frame][i],
             Fault::GaugesShifted(by) => {
                 let gauges = counts.iter_mut().zip(by);
                 gauges.for_each(|(gauge, by)| *gauge += by);
@@ -151,9 +158,9 @@ impl Injector {
         }
     }
 
-    /// True if the frame snaps at this tick.
-    pub fn snaps(&self, tick: u32) -> bool {
-        self.fault == Fault::FrameSnapped && tick == self.at
+    /// Frame that snaps at this tick; `None` if none does.
+    pub fn snaps(&self, tick: u32) -> Option<usize> {
+        (self.fault == Fault::FrameSnapped && tick == self.at).then_some(self.frame)
     }
 
     /// True if the board `role` does not run at this tick.

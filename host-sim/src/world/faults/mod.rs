@@ -29,7 +29,8 @@ pub enum Rail {
     FullScale,
 }
 
-/// Fault. Axles are numbered from 0 at the front. Gauges belong to the first frame, numbered from 0 at the root.
+/// Fault. Axles are numbered from 0 at the front. Gauges are numbered from 0 at the root; they belong to the first
+/// frame, except in [`Fault::OfFrame`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: control of the campaign.
@@ -119,6 +120,13 @@ pub enum Fault {
     WheelLifted(Wheel),
     /// The first frame is broken in two.
     FrameSnapped,
+    /// A fault of gauges or of the frame, at another frame than the first.
+    OfFrame {
+        /// Number of the frame, 0 at the front.
+        frame: usize,
+        /// Fault as of the first frame.
+        fault: Box<Self>,
+    },
     /// The drivers of an axle report a condition.
     Reported {
         /// Axle whose drivers report the condition.

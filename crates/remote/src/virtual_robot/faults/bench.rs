@@ -1,11 +1,11 @@
 //! Robot under test. A fault acts on its boards, sensors, motors and bus through this module.
 
-use super::Campaign;
+use super::{Campaign, INNER_AXLE, INNER_FRAME};
 use crate::board_log::BoardLog;
 use crate::virtual_robot::axle::AxleBoard;
 use crate::virtual_robot::beam::BeamBoard;
 use crate::virtual_robot::{Options, VirtualRobot};
-use core_algos::topology::{FrameId, Role};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -85,17 +85,38 @@ impl FaultBench {
         self.robot.network.run_until(until);
     }
 
-    /// Wheel selected by the seed. The board of the wheel's axle becomes the affected board.
-    pub fn wheel(&mut self) -> (Role, usize) {
-        let axles = self.robot.topology.axle_count() as u64;
-        let role = Role::axle((self.seed % axles) as u8);
-        self.affected = Some(role);
-        (role, (self.seed / axles % 2) as usize)
+    /// True if the robot has an axle with neighbours on both sides, at which faults then occur.
+    fn has_inner_axle(&self) -> bool {
+        self.robot.topology.axle_count() > 2
     }
 
-    /// Board selected by the seed. The board becomes the affected board.
+    /// Wheel selected by the seed, of the second axle if the robot has three or more. The board of the wheel's axle
+    /// becomes the affected board.
+    pub fn wheel(&mut self) -> (Role, usize) {
+        let (role, side) = match self.has_inner_axle() {
+            true => (Role::Axle(INNER_AXLE), self.seed),
+            false => (Role::axle((self.seed % 2) as u8), self.seed / 2),
+        };
+        self.affected = Some(role);
+        (role, (side % 2) as usize)
+    }
+
+    /// Board of the frame at which faults occur.
+    pub fn frame(&self) -> Role {
+        match self.has_inner_axle() {
+            true => Role::Beam(INNER_FRAME),
+            false => Role::beam(0),
+        }
+    }
+
+    /// Board selected by the seed, of the second axle and the frame behind it if the robot has three or more axles. The
+    /// board becomes the affected board.
     pub fn any(&mut self) -> Role {
-        let boards = &self.robot.roles;
+        let inner = [Role::Axle(INNER_AXLE), self.frame()];
+        let boards = match self.has_inner_axle() {
+            true => &inner[..],
+            false => &self.robot.roles,
+        };
         let role = boards[self.seed as usize % boards.len()];
         self.affected = Some(role);
         role
@@ -137,11 +158,14 @@ impl FaultBench {
         self.axle(role, |axle, now| act(axle, side, now));
     }
 
-    /// Performs `act` on the circuit of the beam board.
+    /// Performs `act` on the circuit of the board of [`Self::frame`].
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
-        self.affected.get_or_insert(Role::beam(0));
+        let role = self.frame();
+        self.affected.get_or_insert(role);
         let now = self.now();
-        if let Some(beam) = self.robot.beam(FrameId(0)) {
+        if let Role::Beam(frame) = role
+            && let Some(beam) = self.robot.beam(frame)
+        {
             act(beam, now);
         }
     }

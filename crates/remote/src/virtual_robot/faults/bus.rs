@@ -36,7 +36,7 @@ fn transceivers() -> Vec<Entry> {
             .stops(SILENCE);
         "transceiver receives nothing", "transceiver", drive(|b| { transceiver(b, true, false) }).stops(SILENCE);
         "transceiver dead", "transceiver", drive(|b| { transceiver(b, false, false) }).stops(SILENCE);
-        "transceiver of the beam dead", "transceiver", drive(|b| { b.transceiver(Role::beam(0), false, false); })
+        "transceiver of the beam dead", "transceiver", drive(|b| { let beam = b.frame(); b.transceiver(beam, false, false); })
             .goes_on();
     }
 }
@@ -79,9 +79,10 @@ fn intruders() -> Vec<Entry> {
                         node.send(now, frame(0x7fe));
                     }
                 });
-                b.board(Role::beam(0), |board| board.hold(true));
+                let beam = b.frame();
+                b.board(beam, |board| board.hold(true));
             }),
-            at(2, |b| b.board(Role::beam(0), |board| board.hold(false))),
+            at(2, |b| { let beam = b.frame(); b.board(beam, |board| board.hold(false)) }),
         ]).goes_on().finds(&["CAN"]);
         "burst of 200 frames", "wire", drive(|b| {
             b.intruder(|node, now| {

@@ -1,10 +1,10 @@
 //! Fault of the catalogue: its name, its run and the permitted outcomes.
 
-use super::Campaign;
 use super::bench::FaultBench;
+use super::{Campaign, INNER_AXLE, INNER_FRAME};
 use crate::virtual_robot::Options;
 use core_algos::safety::Condition;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::world::faults::Fault;
 use virtual_board::chip::ChipVariation;
@@ -104,6 +104,46 @@ pub struct Entry {
     pub vary: fn(Role, &mut ChipVariation),
 }
 
+/// Moves a fault of samples, frames or plant to the second axle or the frame behind it.
+fn inside(fault: &mut Fault, robot: Topology) {
+    match fault {
+        Fault::Bus(config) => {
+            let late = config.late_ms.first().copied();
+            if let Some(late) = late {
+                config.late_ms = vec![late; robot.board_count()];
+            }
+        }
+        Fault::Loss(board) if board.is_beam() => *board = Role::Beam(INNER_FRAME),
+        Fault::EncoderStuck(wheel)
+        | Fault::EncoderMissing(wheel)
+        | Fault::EncoderJumps { wheel, .. }
+        | Fault::MotorWeak { wheel, .. }
+        | Fault::MotorStuckOn { wheel, .. }
+        | Fault::WheelLifted(wheel) => wheel.axle = INNER_AXLE.index(),
+        Fault::EncodersSwapped(axle)
+        | Fault::GyroNotANumber(axle)
+        | Fault::GyroBias { axle, .. }
+        | Fault::AccelerometerMissing(axle)
+        | Fault::Reported { axle, .. } => *axle = INNER_AXLE.index(),
+        Fault::GaugeRail { .. }
+        | Fault::GaugeStuck(_)
+        | Fault::GaugesShifted(_)
+        | Fault::GaugeDrift { .. }
+        | Fault::FrameSnapped => {
+            *fault = Fault::OfFrame {
+                frame: INNER_FRAME.index(),
+                fault: Box::new(fault.clone()),
+            };
+        }
+        Fault::None
+        | Fault::Reset { .. }
+        | Fault::Loss(_)
+        | Fault::Freeze { .. }
+        | Fault::SlowClock { .. }
+        | Fault::OfFrame { .. } => {}
+    }
+}
+
 /// Limit of the time of a stop, s: the slowest fault is detected after 0.1 s, and the motors are off at most 2 s later
 /// (`supervisor::Config::stop_timeout_s`).
 pub const STOP_S: f64 = 2.2;
@@ -130,6 +170,38 @@ impl Entry {
             late_ms: Vec::new(),
             vary: |_, _| {},
         }
+    }
+
+    /// The fault at the second axle of a robot of three or more axles, or at the frame behind that axle. Faults of the
+    /// front board remain faults of the front board.
+    pub(super) fn inside(mut self, robot: Topology) -> Self {
+        self.name = match self.name {
+            "rear board lost" => "axle-2 board lost",
+            "rear board 200 ppm fast" => "axle-2 board 200 ppm fast",
+            "rear board a second later" => "axle-2 board a second later",
+            "rear clock slow by 0.02 %, no common time" => {
+                "axle-2 clock slow by 0.02 %, no common time"
+            }
+            "rear clock slow by 0.2 %, no common time" => {
+                "axle-2 clock slow by 0.2 %, no common time"
+            }
+            "beam board lost" => "beam-2 board lost",
+            "beam board 200 ppm fast" => "beam-2 board 200 ppm fast",
+            "beam board 1.2 % fast" => "beam-2 board 1.2 % fast",
+            "beam board a second later" => "beam-2 board a second later",
+            name => name,
+        };
+        let beam = |role: &mut Role| {
+            if role.is_beam() {
+                *role = Role::Beam(INNER_FRAME);
+            }
+        };
+        self.fast_ppb.iter_mut().for_each(|(role, _)| beam(role));
+        self.late_ms.iter_mut().for_each(|(role, _)| beam(role));
+        if let RunKind::Model(fault) = &mut self.kind {
+            inside(fault, robot);
+        }
+        self
     }
 
     /// Options of the boards for this fault.

@@ -36,12 +36,15 @@ pub use run::{Reference, reference, run};
 pub use shared_robots::SharedRobots;
 
 use crate::virtual_robot::Images;
+use core_algos::topology::{AxleId, FrameId, Topology};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 
-/// All faults, in the order in which tables list them.
-pub fn catalogue() -> Vec<Entry> {
-    [
+/// All faults of a robot, in the order in which tables list them. Of a robot of three or more axles the faults of a rear
+/// axle, a wheel or a frame are those of the second axle and of the frame behind it: its boards have neighbours on both
+/// sides.
+pub fn catalogue(robot: Topology) -> Vec<Entry> {
+    let entries = [
         model::entries(),
         bus::entries(),
         power::entries(),
@@ -52,8 +55,17 @@ pub fn catalogue() -> Vec<Entry> {
         program::entries(),
         starts::entries(),
     ]
-    .concat()
+    .concat();
+    match robot == Topology::PAIR {
+        true => entries,
+        false => entries.into_iter().map(|it| it.inside(robot)).collect(),
+    }
 }
+
+/// Axle at which faults of an axle occur on a robot of three or more axles.
+const INNER_AXLE: AxleId = AxleId(1);
+/// Frame at which faults of a frame occur on a robot of three or more axles.
+const INNER_FRAME: FrameId = FrameId(1);
 
 /// Settings of all runs of the fault campaign.
 #[derive(Clone)]

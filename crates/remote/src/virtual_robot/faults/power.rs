@@ -25,9 +25,9 @@ pub fn wheel_board(bench: &mut FaultBench) -> Role {
     bench.wheel().0
 }
 
-/// Role of the beam board.
-pub fn beam(_: &mut FaultBench) -> Role {
-    Role::beam(0)
+/// Role of the board of the affected frame.
+pub fn beam(bench: &mut FaultBench) -> Role {
+    bench.frame()
 }
 
 /// Sets the battery's open-circuit voltage from now on.

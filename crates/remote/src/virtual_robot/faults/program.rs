@@ -64,7 +64,8 @@ pub fn by_the_program(bench: &mut FaultBench) -> Option<String> {
 }
 
 fn hold_beam(bench: &mut FaultBench, held: bool) {
-    bench.board(Role::beam(0), |board| board.hold(held));
+    let beam = bench.frame();
+    bench.board(beam, |board| board.hold(held));
 }
 
 /// Runs a board until it is in this exception. The board may then be a few µs ahead of the other boards.
@@ -184,7 +185,8 @@ fn crashes() -> Vec<Entry> {
             });
         }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "HardFault of the beam's board", "program", drive(|b| {
-            b.board(Role::beam(0), |board| {
+            let beam = b.frame();
+            b.board(beam, |board| {
                 run_into(board, TICK);
                 board.core_mut().set_register(15, UNMAPPED);
             });

@@ -90,13 +90,15 @@ fn analogue() -> Vec<Entry> {
         "converter overrun: the DMA stalls for 1 ms", "DMA2 of the beam", steps(&[
             at(0, |b| {
                 b.advance_randomly();
-                injected_faults(b, Role::beam(0), |d| d.dma_waits = true);
+                let beam = b.frame();
+                injected_faults(b, beam, |d| d.dma_waits = true);
             }),
-            at(1, |b| injected_faults(b, Role::beam(0), |d| d.dma_waits = false)),
+            at(1, |b| { let beam = b.frame(); injected_faults(b, beam, |d| d.dma_waits = false) }),
         ]).goes_on().notices(ConversionsLost).check(degraded).finds(OVERRUN);
         "DMA bus error", "DMA2 of the beam", drive(|b| {
             b.advance_randomly();
-            injected_faults(b, Role::beam(0), |d| d.dma_error = true);
+            let beam = b.frame();
+            injected_faults(b, beam, |d| d.dma_error = true);
         }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
         "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();
         "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open { up: true }) })

@@ -78,7 +78,7 @@ fn buses() -> Vec<Entry> {
             let role = b.wheel().0;
             b.transceiver(role, false, false);
         })]);
-        "transceiver of the beam dead from the start", "transceiver", start(&[at(0, |b| b.transceiver(Role::beam(0), false, false))])
+        "transceiver of the beam dead from the start", "transceiver", start(&[at(0, |b| { let beam = b.frame(); b.transceiver(beam, false, false) })])
             .unready();
         "bus held dominant from the start", "wire", start(&[at(0, |b| {
             use virtual_board::wire::{Fault, Level};
