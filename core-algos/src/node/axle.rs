@@ -111,6 +111,8 @@ pub struct State {
     output: Output,
     /// Reference that the axle followed in the last step; `None` if it followed none.
     followed: Option<AxleReference>,
+    /// Curvature of the path of the references, 1/m; at rest, the latest.
+    curvature: f32,
     /// Force of the ground along the heading, as the disturbance observer estimates it, N; zero while no reference is
     /// followed.
     ground_force_n: f32,
@@ -184,6 +186,9 @@ pub struct AxleNode {
     supervisor: Supervisor,
     state: State,
 }
+
+/// Speed of a reference above which its yaw rate gives the curvature of its path, m/s.
+const CURVED_M_S: f32 = 0.01;
 
 /// Wheel speed above which an axle counts as driven during the release after a stop, rad/s.
 const LET_GO_RAD_S: f32 = 5.0;
@@ -296,6 +301,11 @@ impl AxleNode {
             self.state.halted = false;
         }
         self.state.followed = reference;
+        if let Some(AxleReference { twist, .. }) = reference
+            && twist.v.abs() > CURVED_M_S
+        {
+            self.state.curvature = twist.omega / twist.v;
+        }
         (self.state.output, self.state.ground_force_n) = reference
             .map(|reference| self.control(now, speeds, reference))
             .unwrap_or_default();
@@ -579,8 +589,8 @@ impl AxleNode {
     }
 
     /// Load of the frames in their measured bend, without axial force. The measured wrench itself would be a positive
-    /// feedback that holds an axial force. A frame without a fresh posture counts as no load: its bend is unknown, the
-    /// controller holds the axle within centimetres, and the supervisor stops a robot whose beam board is silent.
+    /// feedback that holds an axial force. A frame without a fresh posture counts as bent to the curvature of the axle's
+    /// own reference: the other axle of the frame drives on the same curve.
     fn bend_load(&self, now: Micros) -> AxleLoad {
         let FrameProperties {
             bending_stiffness_n_m2,
@@ -588,16 +598,27 @@ impl AxleNode {
             rigid_end_m,
         } = self.frame;
         let bent = |frame: &Frame| {
-            let relative = *frame.relative.as_ref()?.fresh(now, self.wrench_timeout)?;
-            let wrench = Wrench::cubic(bending_stiffness_n_m2, length_m, rigid_end_m, relative);
-            Some((wrench, relative))
+            let relative = frame.relative.as_ref();
+            match relative.and_then(|it| it.fresh(now, self.wrench_timeout)) {
+                Some(&relative) => {
+                    let wrench =
+                        Wrench::cubic(bending_stiffness_n_m2, length_m, rigid_end_m, relative);
+                    (wrench, relative)
+                }
+                None => {
+                    let psi = Steering(0.5 * length_m * self.state.curvature);
+                    let wrench = Wrench::pure_bending(bending_stiffness_n_m2, length_m, psi);
+                    (wrench, Posture::new(0.0, 0.0, psi.relative_heading().0))
+                }
+            }
         };
         let mut load = AxleLoad::default();
-        if let Some((wrench, relative)) = bent(&self.state.behind) {
+        if self.frames.behind.is_some() {
+            let (wrench, relative) = bent(&self.state.behind);
             load = load.plus(wrench.on_front(relative, rigid_end_m));
         }
-        if let Some((wrench, _)) = bent(&self.state.ahead) {
-            load = load.plus(wrench.on_rear(rigid_end_m));
+        if self.frames.ahead.is_some() {
+            load = load.plus(bent(&self.state.ahead).0.on_rear(rigid_end_m));
         }
         load
     }

@@ -140,9 +140,7 @@ impl Route {
             max_curvature: bounds.max_curvature(),
             ahead_m: match scenario.robot.topology().frame_count() {
                 1 => 0.0,
-                frames => {
-                    0.5 * frames as f64 * (bounds.frame_length_m + 2.0 * bounds.rigid_end_m)
-                }
+                frames => 0.5 * frames as f64 * (bounds.frame_length_m + 2.0 * bounds.rigid_end_m),
             },
         })
     }
@@ -195,12 +193,18 @@ impl Route {
         LIMIT_FACTOR_AND_EXTRA_S.0 * self.trajectory.duration() + LIMIT_FACTOR_AND_EXTRA_S.1
     }
 
-    /// Largest shear force of a strip that lies on the path, N: its bending stiffness (N m²) times the largest rate of
-    /// the curvature.
-    pub fn own_force(&self, stiffness: f64) -> f64 {
-        let rate = |pair: &[Sample]| (pair[1].kappa - pair[0].kappa) / (pair[1].s - pair[0].s);
-        let rates = self.path.samples().windows(2).map(rate);
-        stiffness * rates.fold(0.0, |most: f64, rate| most.max(rate.abs()))
+    /// Shear force of a strip that lies on the path: its bending stiffness (N m²) times the rate of the curvature, root
+    /// mean square and largest, N.
+    pub fn own_force(&self, stiffness: f64) -> [f64; 2] {
+        let (mut squares, mut length, mut most) = (0.0, 0.0, 0.0f64);
+        for pair in self.path.samples().windows(2) {
+            let step = pair[1].s - pair[0].s;
+            let rate = (pair[1].kappa - pair[0].kappa) / step;
+            squares += step * square(rate);
+            length += step;
+            most = most.max(rate.abs());
+        }
+        [(squares / length).sqrt(), most].map(|rate| stiffness * rate)
     }
 
     fn end(&self) -> Sample {
@@ -372,6 +376,8 @@ pub struct Outcome {
     pub max_curvature: f64,
     /// Deviations of the axles from the path, front first; empty without a true state.
     pub axles: Vec<AxleErrors>,
+    /// Root mean square of the magnitude of the frames' forces, N; NaN without a true state.
+    pub rms_force_n: f64,
     /// Largest magnitude of a frame's force, N; NaN without a true state.
     pub max_force_n: f64,
     /// End of the task.
@@ -390,6 +396,8 @@ struct Drive<'a, F> {
     sums: [Sums; 2],
     /// Places and distances of the axles; empty before the first epoch and without a true state.
     axles: Vec<AxleSums>,
+    /// Sum of the squares of the frames' forces, N², and number of forces.
+    forces: (f64, f64),
     max_force_n: f64,
     latest: PathEpoch,
     max_curvature: f64,
@@ -468,7 +476,9 @@ impl<F> Drive<'_, F> {
         }
         for frame in &record.frames {
             let [x, y] = frame.wrench.force;
-            self.max_force_n = self.max_force_n.max(libm::hypot(x, y));
+            let force = libm::hypot(x, y);
+            self.forces = (self.forces.0 + square(force), self.forces.1 + 1.0);
+            self.max_force_n = self.max_force_n.max(force);
         }
     }
 }
@@ -491,6 +501,7 @@ pub fn drive_on(
         arc_lengths: [0.0; 2],
         sums: [Sums::default(); 2],
         axles: Vec::new(),
+        forces: (0.0, 0.0),
         max_force_n: f64::NAN,
         latest: PathEpoch::default(),
         max_curvature: 0.0,
@@ -507,6 +518,7 @@ pub fn drive_on(
         estimate: run.sums[1].errors(&at_rest[1]),
         max_curvature: run.max_curvature,
         axles: run.axles.iter().map(AxleSums::errors).collect(),
+        rms_force_n: (run.forces.0 / run.forces.1).sqrt(),
         max_force_n: run.max_force_n,
         end: ended,
     })

@@ -900,9 +900,14 @@ fn inner_axle_is_loaded_by_the_measured_bends_of_both_frames() {
     );
     let wave = load(arc(-1.0), arc(1.0));
     assert!((wave.moment - 2.0 * moment).abs() < 1e-3, "{wave:?}");
-    // A frame whose posture is too old is no load.
-    let node = inner(EPOCH, arc(1.0), arc(1.0));
-    assert_eq!(node.reference_load(EPOCH + 1_000_000), AxleLoad::default());
+    // Frames whose postures are too old count as bent like the path: no moment at an inner axle.
+    let mut node = inner(EPOCH, arc(-1.0), arc(1.0));
+    node.state.curvature = 1.2;
+    let late = node.reference_load(EPOCH + 1_000_000);
+    assert!(late.moment.abs() < 1e-5, "{late:?}");
+    node.frames.behind = None;
+    let late = node.reference_load(EPOCH + 1_000_000);
+    assert!((late.moment - 0.833 * 1.2).abs() < 1e-5, "{late:?}");
 }
 
 /// Curvature and speed of each axle's own reference, not the steering of the robot, shape its stop.

@@ -57,10 +57,10 @@ pub struct FollowReport {
     pub imu: bool,
     /// Name of the fusion.
     pub fusion: &'static str,
-    /// Path errors of the true midpoint.
+    /// Path errors of the true midpoint, of three and more axles of the first axle; at the end, of the midpoint.
     #[serde(flatten)]
     pub truth: Errors,
-    /// Path errors of the estimated midpoint.
+    /// Path errors of the estimate.
     pub estimate: Errors,
     /// Largest |curvature| of the path, 1/m.
     pub path_curvature: f64,
@@ -75,6 +75,16 @@ pub struct FollowReport {
     pub end: RunEnd,
 }
 
+impl FollowReport {
+    /// Point of the robot that drives on the path.
+    fn tracked(&self) -> &'static str {
+        match self.chain {
+            None => "true midpoint",
+            Some(_) => "true front axle",
+        }
+    }
+}
+
 /// Path errors of a robot of three and more axles.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChainReport {
@@ -82,14 +92,15 @@ pub struct ChainReport {
     pub names: Vec<&'static str>,
     /// Distance of each axle from the path, front first.
     pub axles: Vec<AxleErrors>,
-    /// Largest force of a frame, N.
-    pub max_force_n: f64,
-    /// Largest shear force of a frame that lies on the path, N: EI times the rate of the curvature.
-    pub own_force_n: f64,
+    /// Force of the frames: root mean square and largest, N.
+    pub force_n: [f64; 2],
+    /// Shear force of a frame that lies on the path, EI times the rate of the curvature: root mean square and largest,
+    /// N.
+    pub own_force_n: [f64; 2],
 }
 
 impl ChainReport {
-    fn of(robot: Topology, outcome: &Outcome, own_force_n: f64) -> Option<Self> {
+    fn of(robot: Topology, outcome: &Outcome, own_force_n: [f64; 2]) -> Option<Self> {
         if robot.axle_count() == 2 || outcome.axles.is_empty() {
             return None;
         }
@@ -97,16 +108,16 @@ impl ChainReport {
         Some(Self {
             names: names.collect(),
             axles: outcome.axles.clone(),
-            max_force_n: outcome.max_force_n,
+            force_n: [outcome.rms_force_n, outcome.max_force_n],
             own_force_n,
         })
     }
 
     /// Sentence about the forces.
     fn force(&self) -> String {
+        let ([rms, max], [own_rms, own_max]) = (self.force_n, self.own_force_n);
         format!(
-            "{:.2} N, of the path's own curve {:.2} N",
-            self.max_force_n, self.own_force_n
+            "rms {rms:.2} N, largest {max:.2} N; of the path itself {own_rms:.2} N, {own_max:.2} N"
         )
     }
 
@@ -120,7 +131,7 @@ impl ChainReport {
                 format!("{:.2}", 1e3 * errors.max_m),
             ]);
         }
-        format!("\n{table}\nlargest force of a frame: {}\n", self.force())
+        format!("\n{table}\nforce of the frames: {}\n", self.force())
     }
 }
 
@@ -315,7 +326,7 @@ fn summary(report: &FollowReport) -> Vec<(String, String)> {
                 format!("rms {rms:.2} mm, largest {max:.2} mm"),
             )
         });
-        axles.chain([("Largest force of a frame".to_owned(), chain.force())])
+        axles.chain([("Force of the frames".to_owned(), chain.force())])
     });
     let rows = vec![
         row("Path", report.path.clone()),
@@ -323,7 +334,7 @@ fn summary(report: &FollowReport) -> Vec<(String, String)> {
             "Length",
             format!("{:.2} m at up to {} m/s", report.length_m, report.speed_m_s),
         ),
-        row("Errors of the midpoint", errors(&report.truth)),
+        row(report.tracked(), errors(&report.truth)),
         row("Errors as estimated", errors(&report.estimate)),
         row(
             "Largest curvature",
@@ -410,7 +421,7 @@ fn table(heading: &str, report: &FollowReport, outcome: &Outcome) -> String {
         "final heading (°)",
     ]);
     for (name, errors) in [
-        ("true midpoint", &outcome.truth),
+        (report.tracked(), &outcome.truth),
         ("as estimated", &outcome.estimate),
     ] {
         table.row([
