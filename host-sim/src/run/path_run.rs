@@ -178,6 +178,16 @@ impl Route {
         }
     }
 
+    /// True once the first axle of a robot with three and more axles is beyond the end, where it goes on until O is at
+    /// the end. `since` is the time since the beginning of the task, µs.
+    fn has_passed(&self, path_mode: PathMode, arc_length: f64, since: Micros) -> bool {
+        let over = match path_mode {
+            PathMode::Follow => arc_length >= self.path.length(),
+            PathMode::Track => since as f64 * 1e-6 >= self.trajectory.duration(),
+        };
+        self.ahead_m > 0.0 && over
+    }
+
     /// Posture of the route's last point: m, m, rad.
     pub fn goal(&self) -> [f64; 3] {
         posture(&self.end())
@@ -439,8 +449,10 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
         self.max_curvature = self.max_curvature.max(self.latest.curvature.abs());
         (self.observe)(&self.latest);
         if !self.done {
-            for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
-                sum.add(deviation);
+            if !self.route.has_passed(self.path_mode, self.arc_lengths[0], since) {
+                for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
+                    sum.add(deviation);
+                }
             }
             self.add_axles(record);
         }
