@@ -286,6 +286,6 @@ mod tests {
             let robot = Topology::new(axles).unwrap();
             (100.0 * self::load(robot, BIT_RATE as f32)).round()
         });
-        assert_eq!(loads, [26.0, 39.0, 45.0, 57.0]);
+        assert_eq!(loads, [26.0, 39.0, 46.0, 57.0]);
     }
 }

@@ -1,6 +1,6 @@
 //! CSV tables of runs: one row per epoch, or one row per run.
 
-use crate::entry::{AxleTruth, FrameTruth, LeadEntry, TruthEntry};
+use crate::entry::{AxleTruth, FrameTruth, LeadEntry, TruthEntry, inner_names};
 use crate::schema::Schema;
 use core_algos::topology::{Role, Topology};
 use host_sim::run::end::RunEnd;
@@ -154,12 +154,6 @@ fn record_names(robot: Topology) -> Vec<Option<String>> {
         all.extend(["x_m", "y_m", "phi_rad"].map(|field| Some(format!("lead.{inner}.{field}"))));
     }
     all
-}
-
-/// Names of the axles between the first and the last.
-pub(crate) fn inner_names(robot: Topology) -> impl Iterator<Item = &'static str> {
-    let inner = robot.axles().take(robot.axle_count() - 1).skip(1);
-    inner.map(move |axle| robot.name(Role::Axle(axle)))
 }
 
 /// Converts records of a robot to rows of [`record_columns`].

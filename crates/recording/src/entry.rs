@@ -38,6 +38,12 @@ pub fn format_of(robot: Topology) -> &'static str {
     }
 }
 
+/// Names of the axles between the first and the last.
+pub(crate) fn inner_names(robot: Topology) -> impl Iterator<Item = &'static str> {
+    let inner = robot.axles().take(robot.axle_count() - 1).skip(1);
+    inner.map(move |axle| robot.name(Role::Axle(axle)))
+}
+
 /// Single-precision value of a board. NaN and infinities are written as their bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Exact(pub f32);

@@ -1,9 +1,8 @@
 //! Table of a log's topics, from which the documentation is generated.
 
-use super::csv::inner_names;
 use super::entry::{
     AxleTick, AxleTruth, BeamTick, BusEntry, FrameTruth, HostCommandEntry, LeadEntry, Off, Start,
-    TruthEntry,
+    TruthEntry, inner_names,
 };
 pub use super::schema::Schema;
 use core_algos::topology::{Role, Topology};

@@ -465,6 +465,7 @@ mod tests {
         let config = BusConfig {
             latency_ms: 1,
             late_ms: vec![0, 4, 0, 0, 0],
+            transmission: Transmission::Off,
             ..BusConfig::default()
         };
         let robot = Topology::new(3).unwrap();

@@ -17,7 +17,6 @@ use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::scenario::board_parameters::Overlays;
 use crate::scenario::own::Own;
-use crate::scenario::variant::Variant;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
@@ -29,6 +28,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::{FUSION_OF_CHAIN, Task};
 use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::params::Settings;
+use core_algos::topology::Topology;
 use declare::{Declared, Field};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
@@ -180,6 +180,12 @@ impl From<Scenario> for Layout {
     }
 }
 
+/// True if a fusion works on `robot`: covariance intersection knows one pair of axles.
+pub fn fusion_fits(mode: Mode, robot: Topology) -> bool {
+    let of_pair = matches!(mode, Mode::Intersection | Mode::IntersectionIpec);
+    robot.frame_count() == 1 || !of_pair
+}
+
 impl Scenario {
     /// Reads a scenario file over a world, applies the changes, and checks every value. Without a file all keys have
     /// their defaults. Without `world` the file's world applies, or else the default world.
@@ -241,15 +247,12 @@ impl Scenario {
 
     /// Refuses a fusion that knows one pair of axles only, by its name.
     fn check_fusion(&self) -> Result<(), Error> {
-        let row = Variant {
-            mode: self.robot.lead.fusion.mode,
-            ..Variant::of(self)
-        };
-        match row.fits(self.robot.topology()) {
+        let mode = self.robot.lead.fusion.mode;
+        match fusion_fits(mode, self.robot.topology()) {
             true => Ok(()),
             false => Err(Error::input(format!(
                 "robot.lead.fusion.mode = {}: must be {FUSION_OF_CHAIN}; robot.geometry.axles is {}",
-                row.fusion(),
+                mode.name(),
                 self.robot.geometry.axles
             ))),
         }

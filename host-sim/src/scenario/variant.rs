@@ -1,7 +1,7 @@
 //! Configurations of sensors and fusion.
 
-use crate::scenario::Scenario;
 use crate::scenario::effect::Taken;
+use crate::scenario::{Scenario, fusion_fits};
 use core_algos::fusion::robot::Mode;
 use core_algos::topology::Topology;
 
@@ -62,10 +62,9 @@ impl Variant {
         scenario
     }
 
-    /// True if the fusion works on a robot with these axles: covariance intersection knows one pair.
+    /// True if the fusion works on `robot`.
     pub fn fits(&self, robot: Topology) -> bool {
-        let of_pair = matches!(self.mode, Mode::Intersection | Mode::IntersectionIpec);
-        robot.frame_count() == 1 || !of_pair
+        fusion_fits(self.mode, robot)
     }
 
     /// Name of the fusion, as in `robot.lead.fusion.mode`.

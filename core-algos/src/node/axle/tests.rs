@@ -493,6 +493,38 @@ fn backlash_counts_in_the_share_of_the_heading_by_the_wheels() {
     }
 }
 
+/// With four axles the covariance comes every fifth epoch and is the mean of five, so that all of the variance of the
+/// backlash is reported.
+#[test]
+fn covariance_of_four_axles_is_the_mean_of_five_epochs() {
+    let robot = Topology::new(4).unwrap();
+    let total = |robot: Topology, epochs_each: f32| {
+        let mut node = Config::default().build(AxleId(0), robot, FRAME).unwrap();
+        let (mut sum, mut count) = (0.0, 0);
+        for epoch in 1..=50u64 {
+            // One wheel crosses its gap in one of five epochs.
+            if epoch % 5 == 2 {
+                (0..100).for_each(|_| node.state.backlash[0].step(0.1));
+            }
+            let mut outbox = Outbox::new();
+            node.report(epoch * EPOCH, &mut outbox);
+            for message in outbox.iter() {
+                if let Message::AxleUncertainty { covariance, .. } = message {
+                    sum += epochs_each * covariance[2][2];
+                    count += 1;
+                }
+            }
+        }
+        (sum, count)
+    };
+    let ((each, fifty), (mean, ten)) = (total(Topology::PAIR, 1.0), total(robot, 5.0));
+    assert_eq!((fifty, ten), (50, 10));
+    assert!(
+        each > 0.0 && (mean / each - 1.0).abs() < 1e-3,
+        "{mean:e} {each:e}"
+    );
+}
+
 fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
     node.receive(now, &lead_status(now, mode, 0.0));
 }

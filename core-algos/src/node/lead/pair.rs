@@ -179,3 +179,30 @@ pub(super) struct PairReports<'a> {
     /// Relative headings of the frames ahead of the pair and behind it; 0 for a missing frame.
     pub(super) bends: [RelativeHeading; 2],
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Epochs since the latest covariance for which postures become measurements.
+    fn used(epochs: u8) -> Vec<Micros> {
+        let mut pair = Pair::EMPTY;
+        let epoch = |k: Micros| 1_000_000 + k * EPOCH;
+        let covariance = [[1e-6; 3]; 3];
+        pair.uncertainty = Some(Stamped::new(covariance, epoch(0)));
+        let ages = (0..20).filter(|age| {
+            pair.posture = Some(Stamped::new(Posture::ORIGIN, epoch(*age)));
+            pair.complete(epochs);
+            let measured = pair.measured.at(epoch(*age));
+            measured.is_some_and(|measured| measured.covariance == covariance)
+        });
+        ages.collect()
+    }
+
+    /// A covariance every fifth epoch serves nine more, so that one may be lost; each epoch's own serves that epoch.
+    #[test]
+    fn covariance_serves_until_the_second_next_one_is_due() {
+        assert_eq!(used(1), [0]);
+        assert_eq!(used(5), (0..10).collect::<Vec<_>>());
+    }
+}

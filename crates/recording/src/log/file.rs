@@ -2,11 +2,10 @@
 
 use super::sink::Sink;
 use super::standard;
-use crate::csv::inner_names;
 use crate::dbc;
 use crate::entry::{
     ABOUT, AxleTruth, BusEntry, Can, Decoded, END, FrameTruth, Hex, LeadEntry, LoggedFrame, Pose,
-    TruthEntry, format_of,
+    TruthEntry, format_of, inner_names,
 };
 use crate::topics::{Topic, estimate_of, of_board, topics, truth_of};
 use crate::{About, Line, failed};
