@@ -9,7 +9,7 @@ use crate::experiments::run::stage::Outputs;
 use crate::experiments::{Context, Inputs};
 use clap::Args;
 use core_algos::time::Micros;
-use core_algos::topology::{MAX_AXLES, Role, Topology};
+use core_algos::topology::{MAX_AXLES, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, posture, whole};
 use host_sim::base::{spelling, toml_file};
@@ -493,6 +493,7 @@ pub fn parse_posture(text: &str) -> Result<[f64; 3], Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::topology::Role;
 
     #[test]
     fn posture_is_parsed_in_radians_and_degrees() {
