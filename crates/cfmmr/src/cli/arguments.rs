@@ -493,6 +493,7 @@ pub fn parse_posture(text: &str) -> Result<[f64; 3], Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::topology::Role;
 
     #[test]
     fn posture_is_parsed_in_radians_and_degrees() {
