@@ -27,7 +27,7 @@ mod track;
 mod watch;
 
 pub use config::{
-    Algorithms, Config, FUSION_OF_CHAIN, Limits, begin_phase, order_phase, step_phase,
+    Algorithms, Config, FUSION_OF_CHAIN, Limits, begin_phase, fusion_fits, order_phase, step_phase,
 };
 use fuse::Fusing;
 use fused::Fused;

@@ -15,7 +15,8 @@ fn options_beyond_the_axles_are_refused_by_name() {
          --axles 1 | --axles | from 2 to 5
          --axles 3 --set robot.geometry.axles=3 | --axles 3 | leave one out
          --set robot.geometry.axles=6 | robot.geometry.axles = 6 | from 2 to 5
-         --axles 3 --set robot.lead.fusion.mode=intersection | robot.lead.fusion.mode = intersection | joint or odometry
+         --axles 3 --set robot.lead.fusion.mode=intersection | robot.lead.fusion.mode = intersection | joint
+         --axles 3 --set mission.rps=false | mission.rps = false | must be true
          --axles 3 --set plant.mass_kg=[4,5] | plant.mass_kg | 1 per axle
          --axles 3 --set bus.late_ms=[1,2,3] | bus.late_ms has 3 entries | must have 5
          --axles 3 --set boards.beam.robot.beam.segments=5 | boards.beam | beam-1, beam-2
@@ -34,7 +35,7 @@ fn options_beyond_the_axles_are_refused_by_name() {
     assert_refused(
         folder.path(),
         "consistency --trials 2",
-        "--axles 3 --fusion intersection | robot.lead.fusion.mode = intersection | joint or odometry",
+        "--axles 3 --fusion intersection | robot.lead.fusion.mode = intersection | joint",
     );
 }
 

@@ -449,7 +449,10 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
         self.max_curvature = self.max_curvature.max(self.latest.curvature.abs());
         (self.observe)(&self.latest);
         if !self.done {
-            if !self.route.has_passed(self.path_mode, self.arc_lengths[0], since) {
+            if !self
+                .route
+                .has_passed(self.path_mode, self.arc_lengths[0], since)
+            {
                 for (sum, deviation) in self.sums.iter_mut().zip(&deviations) {
                     sum.add(deviation);
                 }

@@ -25,7 +25,7 @@ use core_algos::config::ConfigError;
 use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
 use core_algos::math::Posture;
-use core_algos::node::lead::{FUSION_OF_CHAIN, Task};
+use core_algos::node::lead::{FUSION_OF_CHAIN, Task, fusion_fits};
 use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::params::Settings;
 use core_algos::topology::Topology;
@@ -180,12 +180,6 @@ impl From<Scenario> for Layout {
     }
 }
 
-/// True if a fusion works on `robot`: covariance intersection knows one pair of axles.
-pub fn fusion_fits(mode: Mode, robot: Topology) -> bool {
-    let of_pair = matches!(mode, Mode::Intersection | Mode::IntersectionIpec);
-    robot.frame_count() == 1 || !of_pair
-}
-
 impl Scenario {
     /// Reads a scenario file over a world, applies the changes, and checks every value. Without a file all keys have
     /// their defaults. Without `world` the file's world applies, or else the default world.
@@ -245,17 +239,22 @@ impl Scenario {
         self.world.check(topology)
     }
 
-    /// Refuses a fusion that knows one pair of axles only, by its name.
+    /// Refuses sensors and fusions that do not suit more than two axles, by name.
     fn check_fusion(&self) -> Result<(), Error> {
-        let mode = self.robot.lead.fusion.mode;
-        match fusion_fits(mode, self.robot.topology()) {
-            true => Ok(()),
-            false => Err(Error::input(format!(
-                "robot.lead.fusion.mode = {}: must be {FUSION_OF_CHAIN}; robot.geometry.axles is {}",
-                mode.name(),
-                self.robot.geometry.axles
-            ))),
+        let (mode, robot) = (self.robot.lead.fusion.mode, self.robot.topology());
+        let axles = robot.axle_count();
+        if !fusion_fits(mode, robot) {
+            let mode = mode.name();
+            return Err(Error::input(format!(
+                "robot.lead.fusion.mode = {mode}: must be {FUSION_OF_CHAIN}; robot.geometry.axles is {axles}"
+            )));
         }
+        if !fusion_fits(self.fusion(), robot) {
+            return Err(Error::input(format!(
+                "mission.rps = false: must be true with more than two axles; robot.geometry.axles is {axles}"
+            )));
+        }
+        Ok(())
     }
 
     /// Error of a robot parameter, with all keys that hold the refused value: fields of several tables share a name.

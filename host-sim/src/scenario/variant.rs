@@ -1,8 +1,9 @@
 //! Configurations of sensors and fusion.
 
+use crate::scenario::Scenario;
 use crate::scenario::effect::Taken;
-use crate::scenario::{Scenario, fusion_fits};
 use core_algos::fusion::robot::Mode;
+use core_algos::node::lead::fusion_fits;
 use core_algos::topology::Topology;
 
 /// Sensors and fusion of a robot, one row in the table of `posture`.

@@ -15,8 +15,14 @@ use crate::safety::supervisor::{self, Supervisor};
 use crate::time::{EPOCH_S, LEAD_PHASE, Micros, TICK};
 use crate::topology::Topology;
 
-/// Fusions of a robot with more than two axles, in words.
-pub const FUSION_OF_CHAIN: &str = "joint or odometry with more than two axles";
+/// True if a fusion suits a robot. Covariance intersection and IPEC know one pair of axles. By odometry alone the axles
+/// of a longer robot do not know their distances, and within a few metres they strain the frames until they stop.
+pub const fn fusion_fits(mode: Mode, robot: Topology) -> bool {
+    robot.frame_count() == 1 || matches!(mode, Mode::Joint)
+}
+
+/// Fusion of a robot with more than two axles, in words.
+pub const FUSION_OF_CHAIN: &str = "joint with more than two axles";
 
 declare! {
     /// Parameters of the lead node.
@@ -83,13 +89,17 @@ impl Limits {
 }
 
 impl Config {
-    /// Refuses a fusion that knows one pair of axles only.
+    /// Refuses a fusion that does not suit more than two axles.
     fn check_fusion(&self, topology: Topology) -> Result<(), ConfigError> {
         let mode = self.fusion.mode;
-        let of_pair = matches!(mode, Mode::Intersection | Mode::IntersectionIpec);
         let allowed = Allowed::Condition(FUSION_OF_CHAIN);
-        let fits = topology.frame_count() == 1 || !of_pair;
-        require(fits, "mode", mode as u8 as f32, allowed).map(drop)
+        require(
+            fusion_fits(mode, topology),
+            "mode",
+            mode as u8 as f32,
+            allowed,
+        )
+        .map(drop)
     }
 
     /// Builds the algorithms of the node; the error names the parameter that is wrong.
