@@ -105,7 +105,9 @@ fn start(
     let parameters: &'static Parameters = parameters;
     let settings = &parameters.settings;
     let built = build(settings, role)?;
-    let nodes = begin(place(), built.nodes);
+    let Some(nodes) = built.nodes.begin_in(place()) else {
+        return Ok(());
+    };
     let button = button(p.PA0, settings);
 
     // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
@@ -165,12 +167,6 @@ fn start(
 fn place() -> &'static mut Option<Board> {
     static NODES: StaticCell<Option<Board>> = StaticCell::new();
     NODES.init_with(|| None)
-}
-
-/// Moves the nodes into `place`. Not inlined, so that the stack holds only the nodes during the move.
-#[inline(never)]
-fn begin(place: &'static mut Option<Board>, nodes: Ready) -> &'static mut Board {
-    place.insert(nodes.begin())
 }
 
 /// Operator's button with the drive that it starts.

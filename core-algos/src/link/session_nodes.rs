@@ -40,8 +40,7 @@ impl SessionNodes for Option<Board> {
     // Not inlined, so that the stack of a caller does not hold nodes.
     #[inline(never)]
     fn start(&mut self, config: &RobotConfig, role: Role) -> Result<(), ConfigError> {
-        let nodes = Ready::new(config, role)?;
-        *self = Some(nodes.begin());
+        Ready::new(config, role)?.begin_in(self);
         Ok(())
     }
 

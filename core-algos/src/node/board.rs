@@ -127,6 +127,40 @@ impl Ready {
             Self::Beam(beam) => Board::Beam(beam),
         }
     }
+
+    /// Builds the nodes in `place`, at rest; the result is that of [`Self::begin`]. The stack holds one node at a time.
+    pub fn begin_in<'a>(&self, place: &'a mut Option<Board>) -> Option<&'a mut Board> {
+        match self {
+            Self::Axle { axle, lead } => {
+                place_axle(axle, place);
+                if let (Some(with), Some(Board::Axle { lead, .. })) = (lead, &mut *place) {
+                    place_lead(with, lead);
+                }
+            }
+            Self::Beam(beam) => place_beam(beam, place),
+        }
+        place.as_mut()
+    }
+}
+
+// Not inlined: each of these functions frees its stack for the next.
+
+#[inline(never)]
+fn place_axle(axle: &AxleNode, place: &mut Option<Board>) {
+    *place = Some(Board::Axle {
+        axle: *axle,
+        lead: None,
+    });
+}
+
+#[inline(never)]
+fn place_lead(with: &lead::Algorithms, place: &mut Option<LeadNode>) {
+    *place = Some(LeadNode::new(*with));
+}
+
+#[inline(never)]
+fn place_beam(beam: &BeamNode, place: &mut Option<Board>) {
+    *place = Some(Board::Beam(*beam));
 }
 
 impl Board {
@@ -238,7 +272,19 @@ mod tests {
     use super::*;
     use crate::beam::MAX_GAUGES;
     use crate::time::TICK;
-    use crate::topology::{AxleId, Topology};
+    use crate::topology::{AxleId, MAX_AXLES, Topology};
+
+    #[test]
+    fn nodes_built_in_place_equal_nodes_built_by_value() {
+        let mut config = RobotConfig::default();
+        config.geometry.axles = MAX_AXLES as u32;
+        let mut place = None;
+        for role in config.topology().boards() {
+            let ready = Ready::new(&config, role).unwrap();
+            let expected = ready.begin();
+            assert_eq!(ready.begin_in(&mut place), Some(expected).as_mut());
+        }
+    }
 
     #[test]
     fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {
