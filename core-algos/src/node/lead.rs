@@ -210,13 +210,14 @@ pub struct LeadNode {
 
 impl LeadNode {
     /// A node without estimate and without task.
+    // The large parts are constants, which are copied from the flash without a copy on the stack.
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
             placement: None,
-            path_task: path_task::State::EMPTY,
-            tracks: [AxleTrack::EMPTY; MAX_AXLES],
-            pairs: [const { Pair::EMPTY }; MAX_FRAMES],
+            path_task: const { path_task::State::EMPTY },
+            tracks: const { [AxleTrack::EMPTY; MAX_AXLES] },
+            pairs: const { [const { Pair::EMPTY }; MAX_FRAMES] },
             fusing: Fusing::default(),
             state: State::default(),
         }
