@@ -105,7 +105,7 @@ fn start(
     let parameters: &'static Parameters = parameters;
     let settings = &parameters.settings;
     let built = build(settings, role)?;
-    let nodes = begin(place(), built.nodes);
+    let nodes = built.nodes.begin_in(place());
     let button = button(p.PA0, settings);
 
     // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
@@ -165,12 +165,6 @@ fn start(
 fn place() -> &'static mut Option<Board> {
     static NODES: StaticCell<Option<Board>> = StaticCell::new();
     NODES.init_with(|| None)
-}
-
-/// Builds the nodes in `place`. Not inlined, so that the stack of the caller does not hold their parts.
-#[inline(never)]
-fn begin(place: &'static mut Option<Board>, nodes: Ready) -> &'static mut Board {
-    nodes.begin_in(place)
 }
 
 /// Operator's button with the drive that it starts.

@@ -253,7 +253,19 @@ mod tests {
     use super::*;
     use crate::beam::MAX_GAUGES;
     use crate::time::TICK;
-    use crate::topology::{AxleId, Topology};
+    use crate::topology::{AxleId, MAX_AXLES, Topology};
+
+    #[test]
+    fn nodes_built_in_place_equal_nodes_built_by_value() {
+        let mut config = RobotConfig::default();
+        config.geometry.axles = MAX_AXLES as u32;
+        let mut place = None;
+        for role in config.topology().boards() {
+            let ready = Ready::new(&config, role).unwrap();
+            let expected = ready.begin();
+            assert_eq!(*ready.begin_in(&mut place), expected);
+        }
+    }
 
     #[test]
     fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {

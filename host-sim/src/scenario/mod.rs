@@ -28,7 +28,6 @@ use core_algos::math::Posture;
 use core_algos::node::lead::{FUSION_OF_CHAIN, Task, fusion_fits};
 use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::params::Settings;
-use core_algos::topology::Topology;
 use declare::{Declared, Field};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
