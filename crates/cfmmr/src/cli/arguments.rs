@@ -42,10 +42,10 @@ pub struct AxlesArg {
 }
 
 impl AxlesArg {
-    /// Robot of a command without a scenario.
-    pub fn robot(&self) -> Topology {
+    /// Robot of a command without a scenario; two axles without this option.
+    pub fn topology(&self) -> Topology {
         let axles = self.axles.map(usize::from);
-        axles.and_then(Topology::new).unwrap_or(Topology::PAIR)
+        axles.and_then(Topology::new).unwrap_or_default()
     }
 
     /// Changes of the scenario by `--set` and this option; refuses two numbers of axles.

@@ -127,7 +127,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     args.boards.check()?;
     if args.boards.on.is_outside() {
-        return doctor_boards::run(args.axles.robot(), &args.boards, &json);
+        return doctor_boards::run(args.axles.topology(), &args.boards, &json);
     }
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
     let checks = vec![

@@ -70,7 +70,7 @@ pub struct ParamsTarget {
 impl ParamsTarget {
     /// Robot whose boards the command names.
     fn robot(&self) -> Topology {
-        AxlesArg { axles: self.axles }.robot()
+        AxlesArg { axles: self.axles }.topology()
     }
 
     /// Selected boards; none if all are selected.

@@ -298,6 +298,12 @@ fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConf
         .try_into()
         .map_err(|error| failed(&error))?;
     config.build().map_err(|error| failed(&error))?;
+    let (axles, of_log) = (config.geometry.axles, recorded.geometry.axles);
+    if axles != of_log {
+        return Err(Error::input(format!(
+            "{file}: robot.geometry.axles = {axles}: must be {of_log}, the axles of the log"
+        )));
+    }
     Ok(config)
 }
 

@@ -74,7 +74,7 @@ fn frames() -> Vec<Entry> {
         "bus loses 1 %", "frames", model(Bus(BusConfig { loss: 0.01, ..BusConfig::default() })).goes_on();
         "bus loses 10 %", "frames", model(Bus(BusConfig { loss: 0.1, ..BusConfig::default() })).goes_on().stops(SILENCE).within(60.0);
         "bus loses 50 %", "frames", model(Bus(BusConfig { loss: 0.5, ..BusConfig::default() })).goes_on().stops(SILENCE).within(SLOW_S);
-        "bus late by 20 ms", "frames", model(Bus(BusConfig { late_ms: vec![20; 3], ..BusConfig::default() })).goes_on().stops(SILENCE);
+        "bus late by 20 ms", "frames", model(Bus(BusConfig { late_ms: vec![20], ..BusConfig::default() })).goes_on().stops(SILENCE);
         "bus reorders within 8 ms", "frames", model(Bus(BusConfig { jitter_ms: 8, ..BusConfig::default() })).goes_on().stops(SILENCE);
         "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BusConfig::default() })).goes_on();
         "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BusConfig::default() })).goes_on().stops(CORRUPTION)
