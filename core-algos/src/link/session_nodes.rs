@@ -175,7 +175,7 @@ mod tests {
         assert!(sent > 20, "{sent}");
         for place in &mut places {
             let mut wrong = config;
-            wrong.beam.strip.half_thickness_m = -1.0;
+            wrong.geometry.half_thickness_m = -1.0;
             assert!(place.start(&wrong, Role::beam(0)).is_err());
             place.discard();
             assert!(!place.are_started());

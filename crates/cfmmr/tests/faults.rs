@@ -17,7 +17,7 @@ use std::path::Path;
 #[test]
 fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
     let campaign = Campaign {
-        scenario: scenario(None).unwrap(),
+        scenario: scenario(None, &[]).unwrap(),
         images: None,
         quick: false,
     };

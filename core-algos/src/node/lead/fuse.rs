@@ -49,6 +49,14 @@ impl Default for Fusing {
     }
 }
 
+#[cfg(test)]
+impl Fusing {
+    /// Outputs of the pairs.
+    pub(super) fn pairs(&self) -> &[robot::Output; MAX_FRAMES] {
+        &self.pairs
+    }
+}
+
 impl LeadNode {
     /// Takes in a message that arrived at `now`.
     pub fn receive(&mut self, now: Micros, message: &Message) {

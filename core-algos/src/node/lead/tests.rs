@@ -9,6 +9,7 @@ use crate::safety::{Class, Condition};
 use crate::time::{LEAD_PHASE, Stamped};
 use crate::topology::{AxleId, FrameId};
 
+mod chain;
 mod drives;
 mod own;
 

@@ -1,0 +1,252 @@
+//! The lead node of a robot of three to five axles, in a loop with axles that follow their references exactly.
+
+use super::*;
+use crate::math::trig::wrap_angle;
+use crate::time::EPOCH;
+use crate::topology::{MAX_AXLES, Topology};
+
+const LENGTH_M: f32 = 0.37;
+const DT: f32 = 0.01;
+
+/// True postures of the axles, each of which reports in an odometric frame of its own.
+struct World {
+    robot: Topology,
+    node: LeadNode,
+    axles: Vec<Posture>,
+    /// Origin of each axle's odometric frame, and epoch of its start.
+    frames: Vec<(Posture, u64)>,
+    number: u64,
+    /// True if the pairs are fused at the ticks before the step.
+    ahead: bool,
+}
+
+impl World {
+    /// Robot at rest with O at the origin and its frames straight.
+    fn new(axles: usize, task: Task) -> Self {
+        let mut config = RobotConfig::default();
+        config.geometry.axles = axles as u32;
+        let mut node = LeadNode::new(config.build_lead().unwrap());
+        node.initialize(&config.placement(Posture::ORIGIN, &Default::default()));
+        node.command(task);
+        let x = |axle: usize| LENGTH_M * (0.5 * (axles - 1) as f32 - axle as f32);
+        let frame = |axle: usize| (Posture::new(axle as f32, -2.0, 1.5 - axle as f32), 0);
+        Self {
+            robot: Topology::new(axles).unwrap(),
+            node,
+            axles: (0..axles).map(|k| Posture::new(x(k), 0.0, 0.0)).collect(),
+            frames: (0..axles).map(frame).collect(),
+            number: 0,
+            ahead: false,
+        }
+    }
+
+    fn step(&mut self) -> Output {
+        let now = self.number * EPOCH;
+        let sequence = sequence(now);
+        for frame in self.robot.frames() {
+            let k = usize::from(frame.0);
+            let posture = self.axles[k].relative_to(self.axles[k + 1]);
+            let covariance = diagonal([1e-9, 1e-9, 1e-8]);
+            for message in [
+                Message::BeamUncertainty {
+                    frame,
+                    sequence,
+                    covariance,
+                },
+                Message::BeamPosture {
+                    frame,
+                    sequence,
+                    posture,
+                    gauges: 5,
+                },
+            ] {
+                self.node.receive(now, &message);
+            }
+        }
+        for axle in self.robot.axles() {
+            let (origin, start) = self.frames[axle.index()];
+            let posture = self.axles[axle.index()].relative_to(origin);
+            let uptime = (self.number - start).min(255) as u8;
+            let sender = Node::Axle(axle);
+            let beat = beat(sender, now, OperatingState::Active, 0);
+            self.node.receive(now, &beat);
+            for message in axle_report(axle, now, posture, uptime, None) {
+                self.node.receive(now, &message);
+            }
+        }
+        let phases = self.node.phases();
+        if self.ahead {
+            let mut at = *phases.start();
+            while at < *phases.end() {
+                self.node.fuse_ahead(now + at, &mut Own::default());
+                at += TICK;
+            }
+        }
+        let mut outbox = Outbox::new();
+        let output = self.node.step(now + phases.end(), &mut outbox);
+        for message in outbox.iter() {
+            match *message {
+                Message::ReferencePosture { axle, posture, .. } => {
+                    let origin = self.frames[axle.index()].0;
+                    self.axles[axle.index()] = origin.compose(posture);
+                }
+                Message::ReferenceMotion {
+                    axle,
+                    velocity_m_s: v,
+                    yaw_rate_rad_s: omega,
+                    acceleration_m_s2: a,
+                    yaw_acceleration_rad_s2: turn,
+                    ..
+                } => {
+                    let axle = &mut self.axles[axle.index()];
+                    let [ds, dphi] = [v + 0.5 * DT * a, omega + 0.5 * DT * turn].map(|it| it * DT);
+                    *axle = axle.advance(ds, dphi);
+                }
+                _ => {}
+            }
+        }
+        self.number += 1;
+        output
+    }
+
+    /// Posture of O by the definition: mean of the midpoints of neighbours, heading from the last axle to the first.
+    fn center(&self) -> Posture {
+        let middles = self.axles.windows(2).map(|pair| {
+            let [a, b] = [pair[0], pair[1]];
+            [0.5 * (a.x + b.x), 0.5 * (a.y + b.y)]
+        });
+        let share = 1.0 / self.robot.frame_count() as f32;
+        let [x, y] = middles.fold([0.0; 2], |sum, at| {
+            [sum[0] + share * at[0], sum[1] + share * at[1]]
+        });
+        let (first, last) = (self.axles[0], self.axles[self.axles.len() - 1]);
+        Posture::new(x, y, (first.y - last.y).atan2(first.x - last.x))
+    }
+}
+
+fn gap(a: Posture, b: Posture) -> (f32, f32) {
+    (
+        (a.x - b.x).hypot(a.y - b.y),
+        wrap_angle(a.phi - b.phi).abs(),
+    )
+}
+
+/// Steps until the task is done.
+fn finish(world: &mut World) -> Output {
+    for _ in 0..6000 {
+        let output = world.step();
+        assert_eq!(world.node.supervision().first(), None);
+        if output.done {
+            return output;
+        }
+    }
+    panic!("not done: {:?}", world.center());
+}
+
+#[test]
+fn chain_reaches_its_goal_with_straight_frames_and_knows_every_axle() {
+    for axles in 3..=MAX_AXLES {
+        let goal = Posture::new(1.2, 0.9, 0.7);
+        let mut world = World::new(axles, Task::regulate(goal));
+        let output = finish(&mut world);
+        let (off, turn) = gap(world.center(), goal);
+        assert!(off < 5e-3 && turn < 5e-3, "{axles}: {off} {turn}");
+        let (off, turn) = gap(output.fused.robot.posture, world.center());
+        assert!(off < 2e-3 && turn < 2e-3, "{axles}: {off} {turn}");
+        let straight = Posture::new(LENGTH_M, 0.0, 0.0);
+        for pair in world.axles.windows(2) {
+            let (off, turn) = gap(pair[0].relative_to(pair[1]), straight);
+            assert!(off < 1e-3 && turn < 5e-3, "{axles}: {off} {turn}");
+        }
+        let inner: Vec<_> = output.inner.into_iter().flatten().collect();
+        assert_eq!(inner.len(), axles - 2);
+        let estimated = [output.fused.front.posture]
+            .into_iter()
+            .chain(inner)
+            .chain([output.fused.rear.posture]);
+        for (estimate, axle) in estimated.zip(&world.axles) {
+            let (off, turn) = gap(estimate, *axle);
+            assert!(off < 3e-3 && turn < 5e-3, "{axles}: {off} {turn}");
+        }
+    }
+}
+
+#[test]
+fn pairs_fused_ahead_give_the_outputs_of_one_step() {
+    let goal = Posture::new(-0.8, 0.4, -0.5);
+    let mut worlds = [false, true].map(|ahead| World {
+        ahead,
+        ..World::new(4, Task::regulate(goal))
+    });
+    for _ in 0..700 {
+        let [one, other] = worlds.each_mut().map(World::step);
+        assert_eq!(one, other);
+    }
+    assert!(worlds[0].node.state.governor.motion.v.abs() > 0.05);
+}
+
+/// After its restart the odometry of an inner axle begins anew; both neighbours and beams locate it.
+#[test]
+fn restarted_inner_axle_is_found_by_its_neighbours() {
+    let mut world = World::new(3, Task::Idle);
+    for _ in 0..100 {
+        world.step();
+    }
+    // The axle was moved by its frames while its board was off.
+    world.axles[1] = Posture::new(0.01, 0.02, 0.1);
+    world.frames[1] = (world.axles[1], world.number);
+    let mut output = Output::default();
+    for _ in 0..60 {
+        output = world.step();
+    }
+    let (off, turn) = gap(output.inner[0].unwrap(), world.axles[1]);
+    assert!(off < 3e-3 && turn < 5e-3, "{off} {turn}");
+    let (off, turn) = gap(output.fused.front.posture, world.axles[0]);
+    assert!(off < 3e-3 && turn < 5e-3, "{off} {turn}");
+}
+
+/// The covariance of O never falls below that of perfectly correlated pairs.
+#[test]
+fn covariance_of_o_is_the_mean_over_the_pairs() {
+    let mut world = World::new(5, Task::regulate(Posture::new(2.0, 0.0, 0.0)));
+    let mut output = Output::default();
+    for _ in 0..900 {
+        output = world.step();
+    }
+    let fused: Vec<_> = world
+        .node
+        .fusing
+        .pairs()
+        .iter()
+        .map(|it| it.robot)
+        .collect();
+    for i in 0..3 {
+        let mean = fused.iter().map(|it| it.covariance[i][i]).sum::<f32>() / 4.0;
+        let found = output.fused.robot.covariance[i][i];
+        assert!((found / mean - 1.0).abs() < 1e-4, "{i}: {found} {mean}");
+    }
+}
+
+#[test]
+fn chain_drives_forward_and_back_on_command() {
+    let mut world = World::new(3, Task::Idle);
+    let mut drive = |world: &mut World, speed_m_s: f32, curvature: f32, epochs: usize| {
+        let mut last = Output::default();
+        for _ in 0..epochs {
+            world.node.command(Task::Drive {
+                speed_m_s,
+                curvature,
+            });
+            last = world.step();
+        }
+        last
+    };
+    let output = drive(&mut world, 0.15, 1.0, 600);
+    assert!((output.motion.v - 0.15).abs() < 1e-3, "{:?}", output.motion);
+    let circle = world.axles[0].relative_to(world.axles[1]);
+    assert!((circle.phi - LENGTH_M).abs() < 0.02, "{circle:?}");
+    let output = drive(&mut world, -0.15, 0.0, 600);
+    assert!((output.motion.v + 0.15).abs() < 1e-3, "{:?}", output.motion);
+    let last = world.axles[1].relative_to(world.axles[2]);
+    assert!(last.phi.abs() < 0.02, "{last:?}");
+}
