@@ -597,12 +597,13 @@ fn leader_waits_at_the_last_known_point() {
     assert!((x - 2.0 - f64::from(LENGTH)).abs() < 1e-3, "{x}");
 }
 
-/// Along a trajectory O is where the time law has it.
+/// Along a trajectory the first axle is where the time law has it; the robot rests with its middle on the end.
 #[test]
 fn trajectory_is_tracked_in_time() {
     let points = integrated(|s| 1.5 * (1.5 * s).sin(), 3.0);
     for axles in 3..=5 {
-        let mut bench = Bench::new(axles, [0.0; 3]);
+        let half = 0.5 * f64::from(LENGTH) * (axles - 1) as f64;
+        let mut bench = Bench::new(axles, [-half, 0.0, 0.0]);
         let mut trajectory = TrajectoryBuffer::<128>::new();
         // Speeds up to 0.15 m/s in 1 s and down again.
         let law = |t: f64| match t {
@@ -641,26 +642,24 @@ fn trajectory_is_tracked_in_time() {
                 within: Tolerance::default(),
             });
             trajectory.discard_before(time_s);
-            assert!(!step.lost && !step.stuck && bench.time < 30.0, "{step:?}");
+            assert!(!step.lost && !step.stuck && bench.time < 35.0, "{step:?}");
             if step.done {
                 break;
             }
-            // The leader is half a body ahead of the middle.
             if bench.time < 19.0 {
-                let (s, _) = law(bench.time);
-                let ahead = s + 0.5 * f64::from(LENGTH) * (axles - 1) as f64;
+                let (ahead, _) = law(bench.time);
                 let [x, y, _] = bench.plant.axles()[0].posture;
                 let place = points.iter().min_by_key(|p| {
                     (1e6 * (f64::from(p.posture.x) - x).hypot(f64::from(p.posture.y) - y)) as i64
                 });
-                if ahead < 2.9 && bench.time > 9.0 {
+                if bench.time > 9.0 {
                     largest = largest.max((f64::from(place.unwrap().s) - ahead).abs());
                 }
             }
         }
         println!("{axles}: along {largest}, {} s", bench.time);
         assert!(largest < 0.012, "{largest}");
-        assert!((19.5..23.0).contains(&bench.time), "{}", bench.time);
+        assert!((19.5..32.0).contains(&bench.time), "{}", bench.time);
     }
 }
 

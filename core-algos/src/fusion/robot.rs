@@ -233,6 +233,11 @@ impl State {
         (self.heading, self.moved)
     }
 
+    /// Conditions the covariance `ticks` earlier than otherwise, so that the states of several pairs take turns.
+    pub fn condition_earlier(&mut self, ticks: u8) {
+        self.until_condition = self.until_condition.saturating_sub(ticks);
+    }
+
     /// State of the joint filter; `None` in the other modes.
     pub fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {

@@ -76,6 +76,9 @@ const STILL: Twist = Twist::new(0.02, 0.1);
 /// Difference from the commanded steering angle beyond which an unpowered frame has relaxed, rad.
 const RELAXED_RAD: f32 = 0.05;
 
+/// Epochs between the conditionings of two pairs' covariances: each takes a tick.
+const CONDITION_SPACING: u8 = 8;
+
 /// Running mean of the beam's normalised innovation squared (NIS): weight of the latest value, largest value that
 /// counts, and mean above which the beam is inconsistent. The mean is 0.1 to 0.5, since the beam's covariance is that
 /// of its worst posture; with the true covariance it would be 3.
@@ -271,7 +274,9 @@ impl LeadNode {
                     placement.center.ahead(ahead * relative.posture.x)
                 }
             };
-            pair.fusion = Some(self.with.fusion.start(&center, relative, floor_drift));
+            let mut fusion = self.with.fusion.start(&center, relative, floor_drift);
+            fusion.condition_earlier(CONDITION_SPACING * k as u8);
+            pair.fusion = Some(fusion);
         }
         self.placement = Some(*placement);
     }
