@@ -10,7 +10,7 @@ use core_algos::math::Posture;
 use core_algos::topology::Role;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::final_error::wrap;
-use host_sim::run::robot::Record;
+use host_sim::run::robot::{Record, estimated_axles};
 use host_sim::scenario::Scenario;
 use host_sim::world::body::Body;
 use output::files::OutputDir;
@@ -158,15 +158,9 @@ impl Run<'_> {
             0 => degrees(off(i, 2)),
             _ => 2.0 * sigma(i, 2).to_degrees(),
         };
-        let torque = |i: usize, n: usize| record(i).axles[n / 2].torque[n % 2];
         let names = ["x", "y", "2σ x", "2σ y"];
         let topology = self.scenario.robot.topology();
-        let wheels: Vec<String> = topology
-            .axles()
-            .map(|axle| topology.name(Role::Axle(axle)))
-            .flat_map(|axle| ["left", "right"].map(|side| format!("{axle} {side}")))
-            .collect();
-        let wheels: Vec<&str> = wheels.iter().map(String::as_str).collect();
+        let chain = topology.frame_count() > 1;
         let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
         let fitted = self.scenario.robot.beam.strip.gauges_m.count();
         let gauges = if self.scenario.mission.rps { fitted } else { 0 };
@@ -185,14 +179,44 @@ impl Run<'_> {
                 "°",
                 numbered(&["heading", "2σ"], &heading),
             ),
-            plot("Wheel torques", "N m", numbered(&wheels, &torque)),
         ];
+        if chain {
+            // Ten wheels in one plot could not be told apart.
+            plots.extend(topology.axles().map(|axle| {
+                let torque = |i: usize, n: usize| record(i).axles[axle.index()].torque[n];
+                let title = format!("Wheel torques of {}", topology.name(Role::Axle(axle)));
+                plot(&title, "N m", numbered(&["left", "right"], &torque))
+            }));
+            let beams = topology.frames().map(Role::Beam);
+            let beams: Vec<&str> = beams.map(|beam| topology.name(beam)).collect();
+            let force = |i: usize, n: usize| {
+                let [along, across] = record(i).frames[n].wrench.force;
+                libm::hypot(along, across)
+            };
+            plots.push(plot("Frame forces", "N", numbered(&beams, &force)));
+        } else {
+            let wheels: Vec<String> = topology
+                .axles()
+                .map(|axle| topology.name(Role::Axle(axle)))
+                .flat_map(|axle| ["left", "right"].map(|side| format!("{axle} {side}")))
+                .collect();
+            let wheels: Vec<&str> = wheels.iter().map(String::as_str).collect();
+            let torque = |i: usize, n: usize| record(i).axles[n / 2].torque[n % 2];
+            plots.push(plot("Wheel torques", "N m", numbered(&wheels, &torque)));
+        }
         let frames = topology.frames().filter(|_| gauges > 0);
         plots.extend(frames.map(|frame| {
             let strain =
                 |i: usize, n: usize| 1e6 * f64::from(record(i).frames[frame.index()].strain[n]);
             let series = numbered(&strains[..gauges], &strain);
-            plot("Strains, from the rear end on", "µm/m", series)
+            let title = match chain {
+                true => format!(
+                    "Strains of {}, from the rear end on",
+                    topology.name(Role::Beam(frame))
+                ),
+                false => "Strains, from the rear end on".to_owned(),
+            };
+            plot(&title, "µm/m", series)
         }));
         // The true state of a real robot is unknown, so its curves are left out.
         for plot in &mut plots {
@@ -249,7 +273,10 @@ impl Run<'_> {
             records.iter().map(value).collect()
         };
         let mission = &self.scenario.mission;
-        let axles = self.scenario.robot.topology().axles();
+        let topology = self.scenario.robot.topology();
+        // For two axles the cross of the midpoint is enough.
+        let chain = topology.frame_count() > 1;
+        let estimated = topology.axles().filter(|_| chain);
         let configuration = self.scenario.to_toml().unwrap_or_default();
         let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
         json!({
@@ -261,7 +288,15 @@ impl Run<'_> {
             "reference": self.reference.iter().map(|&p| coordinates(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
-            "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
+            "axles": topology.axles().map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
+            "estimated_axles": estimated.map(|axle| list(&|record| {
+                let all: Vec<Posture> = estimated_axles(&record.lead).collect();
+                let known = all.len() == topology.axle_count();
+                let at = all.get(axle.index()).filter(|_| known);
+                let at = at.map_or([f64::NAN; 3], |&at| posture(at));
+                let truth = record.axles[axle.index()].posture[2];
+                [at[0], at[1], truth + wrap(at[2] - truth)]
+            })).collect::<Vec<_>>(),
             // Distance from the true to the estimated position, plus twice the larger standard deviation of x and y.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
