@@ -37,9 +37,10 @@ async function setAxles(count) {
   writeAddress();
 }
 
-// The Worker has a new robot. `contract`: its description, if it has another number of axles than the one before.
-function created({ contract }) {
-  if (contract) describeRobot(contract);
+// The Worker has a new robot. `contract` and `row`: its description and state, if it has another number of axles than the
+// one before.
+function created({ contract, row }) {
+  if (contract) { describeRobot(contract); page.history.latest = row; }
   // Number of robots so far, for tests.
   page.generation += 1;
   page.history.clear();

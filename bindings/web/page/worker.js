@@ -71,7 +71,7 @@ function create(wanted) {
   friction = undefined; drifts = []; goal = null; held = null;
   timed = []; epochs = 0;
   rows = []; plans = 0; due = 0; last = performance.now();
-  postMessage({ event: "created", contract });
+  postMessage({ event: "created", contract, row: contract && numbers(web.state()).slice() });
   observe();
   return answer;
 }

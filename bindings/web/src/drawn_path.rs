@@ -202,8 +202,11 @@ mod tests {
     #[test]
     fn path_that_turns_on_the_spot_or_is_too_short_or_too_long_is_refused_with_its_place() {
         let scenario = Scenario::default();
-        let refusal =
-            |drawn: &[[f64; 2]]| route([0.0; 3], [0.0; 2], drawn, &scenario).unwrap_err().to_string();
+        let refusal = |drawn: &[[f64; 2]]| {
+            route([0.0; 3], [0.0; 2], drawn, &scenario)
+                .unwrap_err()
+                .to_string()
+        };
         let zigzag: Vec<[f64; 2]> = (0..20)
             .map(|k| [1.0 - f64::from(k % 2), 0.02 * f64::from(k)])
             .collect();

@@ -28,7 +28,12 @@ pub fn of(robot: Topology) -> Vec<Entry> {
     let mut all = ends(robot);
     let inner = robot.axles().skip(1).take(robot.axle_count() - 2);
     all.extend(inner.flat_map(|axle| of_axle(robot, axle)));
-    all.extend(robot.frames().skip(1).flat_map(|frame| of_frame(robot, frame)));
+    all.extend(
+        robot
+            .frames()
+            .skip(1)
+            .flat_map(|frame| of_frame(robot, frame)),
+    );
     all
 }
 

@@ -306,7 +306,11 @@ impl Live {
     pub fn fault(&mut self, number: usize) -> Result<(), Error> {
         let mut all = faults::of(self.scenario.robot.topology());
         if number >= all.len() {
-            return Err(refused("fault", number as f64, [0.0, all.len() as f64 - 1.0]));
+            return Err(refused(
+                "fault",
+                number as f64,
+                [0.0, all.len() as f64 - 1.0],
+            ));
         }
         let fault = all.swap_remove(number).fault;
         let tick = self.free_tick.max(self.tick());
@@ -558,7 +562,10 @@ mod tests {
         assert!(path[0][0] - at[0] > 0.5, "{:?} {at:?}", path[0]);
         // The midpoint ends at the end of the path, so the first axle drives beyond.
         let end = path.last().unwrap();
-        assert!(distance(&state(&robot, "truth"), end) < 0.1, "{front:?} {end:?}");
+        assert!(
+            distance(&state(&robot, "truth"), end) < 0.1,
+            "{front:?} {end:?}"
+        );
     }
 
     /// The state holds every axle and frame, and the lost board of an inner axle is noticed.
@@ -575,7 +582,9 @@ mod tests {
             assert!(distance(&axles[3 * k..], &estimated[3 * k..]) < 0.1, "{k}");
         }
         let faults = faults::of(Topology::new(3).unwrap());
-        let number = faults.iter().position(|fault| fault.name == "axle-2 board off");
+        let number = faults
+            .iter()
+            .position(|fault| fault.name == "axle-2 board off");
         robot.regulate([1.0, 0.0, 0.0]).unwrap();
         robot.fault(number.unwrap()).unwrap();
         run(&mut robot, 2.0);

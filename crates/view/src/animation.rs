@@ -485,7 +485,10 @@ mod tests {
         };
         let text = svg(&BODY, &[run]);
         check_svg(&text);
-        let wheels = attributes(&text, "rect", "fill").iter().filter(|fill| **fill != "#ffffff").count();
+        let wheels = attributes(&text, "rect", "fill")
+            .iter()
+            .filter(|fill| **fill != "#ffffff")
+            .count();
         assert_eq!(wheels, 6);
         let moving = attributes(&text, "animate", "attributeName");
         assert_eq!(moving.iter().filter(|name| **name == "points").count(), 2);

@@ -354,12 +354,69 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
 mod tests {
     use super::*;
     use core_algos::safety::{Condition, Conditions};
-    use host_sim::run::robot::{AxleRecord, FrameRecord};
+    use host_sim::run::robot::{AxleRecord, FRAME_POINTS, FrameRecord};
 
     fn data(page: &str) -> serde_json::Value {
         let (_, rest) = page.split_once("id=\"data\">").unwrap();
         let (json, _) = rest.split_once("</script>").unwrap();
         serde_json::from_str(json).unwrap()
+    }
+
+    /// Each axle and frame of three axles is drawn, estimated, and named in the plots.
+    #[test]
+    fn page_of_three_axles_has_every_axle_and_frame_by_name() {
+        let text = "[robot.geometry]\naxles = 3";
+        let scenario = Scenario::parse(None, text, "scenario", &[]).unwrap();
+        let mut record = Record {
+            time_s: 0.01,
+            axles: vec![AxleRecord::default(); 3],
+            frames: vec![FrameRecord::default(); 2],
+            ..Record::default()
+        };
+        record.axles[1].torque = [0.25, 0.5];
+        record.frames[0].points[0] = [1.0, 0.0];
+        record.frames[1].points[0] = [2.0, 0.0];
+        record.frames[1].wrench.force = [3.0, 4.0];
+        record.frames[1].strain[2] = 5e-6;
+        let unknown = record.clone();
+        record.lead.inner[0] = Some(Posture::new(0.5, 0.0, 0.0));
+        let end = RunEnd::default();
+        let run = Run {
+            title: String::new(),
+            name: String::new(),
+            goal: None,
+            reference: Vec::new(),
+            errors: vec![[[0.0; 2]; 2]; 2],
+            records: vec![&unknown, &record],
+            distance: "Distance",
+            end: &end,
+            summary: Vec::new(),
+            scenario: &scenario,
+        };
+        let page = page("", &Body::of(&scenario.world.plant), &[run]);
+        let data = data(&page);
+        let run = &data["runs"][0];
+        assert_eq!(run["axles"].as_array().unwrap().len(), 3);
+        // Without an estimate of the inner axle no axle is taken for another one.
+        assert!(run["estimated_axles"][2][0][0].is_null());
+        assert_eq!(run["estimated_axles"][1][1][0], 0.5);
+        let points = run["frame"][1].as_array().unwrap();
+        assert_eq!(points.len(), 2 * 2 * FRAME_POINTS);
+        assert_eq!(
+            (&points[0], &points[2 * FRAME_POINTS]),
+            (&json!(2), &json!(1))
+        );
+        let plots = run["plots"].as_array().unwrap();
+        let value = |title: &str, name: &str| {
+            let plot = plots.iter().find(|plot| plot["title"] == title).unwrap();
+            let series = plot["series"].as_array().unwrap();
+            let found = series.iter().find(|series| series["name"] == name).unwrap();
+            found["data"][1].as_f64().unwrap()
+        };
+        assert_eq!(value("Wheel torques of axle-2", "right"), 0.5);
+        assert_eq!(value("Frame forces", "beam-2"), 5.0);
+        assert_eq!(value("Strains of beam-2, from the rear end on", "3"), 5.0);
+        assert_eq!(plots.len(), 4 + 3 + 1 + 2);
     }
 
     #[test]

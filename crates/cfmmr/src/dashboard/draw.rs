@@ -631,7 +631,10 @@ mod tests {
             }
         }
         let text = words(&picture(&chain(), (60, 28)));
-        assert!(text.contains("60 x 29") && text.contains("60 x 28"), "{text}");
+        assert!(
+            text.contains("60 x 29") && text.contains("60 x 28"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -327,7 +327,13 @@ fn driven(records: &[Record]) -> Vec<Vec<[f64; 2]>> {
 }
 
 /// The run as an animated picture. Draws the estimate if the true posture is unknown.
-fn animated(body: &Body, heading: &str, report: &FollowReport, records: &[Record], run: &FollowRun) -> String {
+fn animated(
+    body: &Body,
+    heading: &str,
+    report: &FollowReport,
+    records: &[Record],
+    run: &FollowRun,
+) -> String {
     let shown: Vec<Record> = records.iter().map(Record::with_estimate).collect();
     let errors = match report.truth.rms_m.is_finite() {
         true => report.truth,
