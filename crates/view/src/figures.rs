@@ -406,10 +406,18 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
     let mut map = Panel::new("x (m)", "y (m)")
         .caption(times(&run.snapshots))
         .equal_axes();
+    // Paths of axles lie on the frames, so the robot is drawn over them; the path of O is drawn over the robot.
+    let (below, above) = match run.driven.len() {
+        1 => (&[][..], &run.driven[..]),
+        _ => (&run.driven[..], &[][..]),
+    };
+    for path in below {
+        map.line("true", path.iter().copied(), TRUTH.stroke);
+    }
     for snapshot in &run.snapshots {
         robot(&mut map, body, snapshot);
     }
-    for path in &run.driven {
+    for path in above {
         map.line("true", path.iter().copied(), TRUTH.stroke);
     }
     map.line("reference", run.reference.iter().copied(), REFERENCE.stroke);

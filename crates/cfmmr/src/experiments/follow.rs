@@ -342,7 +342,7 @@ fn animated(
     let worst = report.chain.iter().flat_map(|chain| &chain.axles);
     let worst = worst.map(|axle| axle.rms_m).reduce(f64::max);
     let result = match worst {
-        Some(rms_m) => format!("rms {:.0} mm from the path, worst axle", 1e3 * rms_m),
+        Some(rms_m) => format!("worst axle: rms {:.0} mm from the path", 1e3 * rms_m),
         None => format!("rms {:.0} mm from the path", 1e3 * errors.rms_m),
     };
     let run = animation::Run {
