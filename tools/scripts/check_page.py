@@ -23,7 +23,7 @@ from pathlib import Path
 
 from browser import CONTROL, SHIFT, Browser
 
-MAX_BYTES = 10**6
+MAX_BYTES = 1_100_000
 # Tolerance of a goal, m.
 TOLERANCE_M = 0.1
 DESK, TABLET, PHONE = (1280, 900), (400, 800), (360, 740)
