@@ -291,10 +291,15 @@ fn estimate_lines(view: &View) -> Vec<Line<'static>> {
 fn motion_lines(view: &View) -> Vec<Line<'static>> {
     let left = FinalError::of(view.record.midpoint, view.goal);
     let motion = &view.record.lead.motion;
-    // The longest name of two axles is `front`, of more axles `axle-2`.
-    let width = 5 + usize::from(further(view) > 0);
+    // The longest name of two axles is `front`, of more axles `axle-2`; the lines have equal lengths.
+    let (name_width, left_width) = match further(view) {
+        0 => (5, 7),
+        _ => (6, 6),
+    };
     let wheels = |name: &str, [left, right]: [f64; 2]| {
-        Line::raw(format!("{name:<width$}{left:>7.2}{right:>7.2} rad/s"))
+        Line::raw(format!(
+            "{name:<name_width$}{left:>left_width$.2}{right:>7.2} rad/s"
+        ))
     };
     let mut lines = vec![
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
