@@ -476,6 +476,9 @@ impl<F> Drive<'_, F> {
         }
         let path = &self.route.path;
         if self.axles.is_empty() {
+            // The arc length is that of the point that drives on the path.
+            let first = record.axles.first().filter(|_| self.route.ahead_m > 0.0);
+            let [x, y, _] = first.map_or(record.midpoint, |first| first.posture);
             let (s, c) = libm::sincos(path.at(self.arc_lengths[0]).phi);
             let ahead = |[ax, ay, _]: [f64; 3]| c * (ax - x) + s * (ay - y);
             let place = |ahead: f64| (self.arc_lengths[0] + ahead).clamp(0.0, path.length());
