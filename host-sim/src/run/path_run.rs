@@ -470,8 +470,7 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
 impl<F> Drive<'_, F> {
     /// Adds the distances of the axles from the path, and the forces of the frames.
     fn add_axles(&mut self, record: &Record) {
-        let [x, y, _] = record.midpoint;
-        if x.is_nan() {
+        if record.midpoint[0].is_nan() {
             return;
         }
         let path = &self.route.path;
