@@ -94,6 +94,7 @@ def main():
         runs = {
             "posture": ["posture", "--trials", "2", "--rows", "pair"],
             "follow": ["follow", "--path", "figure-eight"],
+            "chain": ["follow", "--path", "figure-eight", "--axles", "3", "--world", "ideal"],
             "track": ["track", "--path", "circle", "--size", "0.8", "--imu"],
         }
         for run, arguments in runs.items():

@@ -26,6 +26,7 @@ function connect() {
   find("window").addEventListener("change", () => page.plots.drawAll());
   find("gauges").addEventListener("change", () => change("gauges", find("gauges").checked));
   find("imu").addEventListener("change", () => change("imu", find("imu").checked));
+  find("axles").addEventListener("change", () => setAxles(Number(find("axles").value)));
   find("world").addEventListener("change", () => change("world", find("world").value));
   find("fusion").addEventListener("change", () => change("fusion", find("fusion").value));
   find("friction").addEventListener("input", () => setFriction(Number(find("friction").value)));
@@ -63,7 +64,9 @@ function nextPace(by) {
 }
 
 function settingsName() {
-  const parts = [settings.world || page.contract.world, settings.gauges === false ? "without gauges" : "with gauges"];
+  const parts = [settings.world || page.contract.world];
+  if (settings.axles) parts.push(`${settings.axles} axles`);
+  parts.push(settings.gauges === false ? "without gauges" : "with gauges");
   if (settings.imu) parts.push("IMU");
   if (settings.fusion) parts.push(settings.fusion);
   if (settings.friction !== undefined) parts.push("friction " + label(settings.friction, 0.01));

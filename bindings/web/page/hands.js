@@ -7,10 +7,12 @@ const STROKE_M = 0.01;
 
 class Hands {
   // `orders` has goal(at), place(at), path(points), announce(kind, at) and dirty().
-  constructor(stage, orders, truth) {
+  constructor(stage, orders, truth, axles) {
     this.stage = stage;
     this.orders = orders;
     this.truth = truth;
+    // Postures of the axles, one after the other.
+    this.axles = axles;
     this.drawing = false;
     this.held = null;
     this.pointers = new Map();
@@ -38,8 +40,14 @@ class Hands {
     if (goal && near(this.stage.tip(view, goal), grip)) return { kind: "goal", turn: true, at: goal };
     if (goal && near(goal, grip)) return { kind: "goal", at: goal };
     if (near(this.stage.tip(view, truth), grip)) return { kind: "robot", turn: true, at: truth };
-    if (near(truth, Math.max(grip, 0.2 * view.scale))) return { kind: "robot", at: truth };
+    if (near(truth, Math.max(grip, 0.2 * view.scale)) || this.onChain(near, 0.2 * view.scale)) return { kind: "robot", at: truth };
     return { kind: "floor" };
+  }
+
+  // True near an axle of a robot of more than two axles.
+  onChain(near, by) {
+    const axles = this.axles(), count = axles.length / 3;
+    return count > 2 && Array.from({ length: count }, (_, n) => axles.subarray(3 * n, 3 * n + 2)).some((at) => near(at, by));
   }
 
   down(event) {

@@ -11,7 +11,7 @@ function create(orders) {
   note("");
   showSettings();
   writeAddress();
-  return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), orders });
+  return ask("create", { seed: settings.seed, trial: "0", scenario: scenario(), axles: axleCount(), orders });
 }
 
 // A new robot drives to the goal.
@@ -27,8 +27,20 @@ async function beginByAddress() {
   note(ignored.length ? `The page ignores these entries of the address: ${ignored.join(", ")}.` : refusal, true);
 }
 
-// The Worker has a new robot.
-function created() {
+// A new robot of another number of axles; the present robot stays if the number is refused.
+async function setAxles(count) {
+  const before = settings.axles;
+  settings.axles = count === 2 ? undefined : count;
+  if ((await begin()).ok) return;
+  settings.axles = before;
+  showSettings();
+  writeAddress();
+}
+
+// The Worker has a new robot. `contract` and `row`: its description and state, if it has another number of axles than the
+// one before.
+function created({ contract, row }) {
+  if (contract) { describeRobot(contract); page.history.latest = row; }
   // Number of robots so far, for tests.
   page.generation += 1;
   page.history.clear();

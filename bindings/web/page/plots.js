@@ -6,7 +6,13 @@ const NORMAL_95 = 1.96;
 
 // Plots: `values` gives the value of each curve for a state.
 function plotTable(contract, layout) {
+  const chain = contract.axles.length > 2;
   const wheels = contract.axles.flatMap((axle) => [axle + " left", axle + " right"]);
+  const torques = (row, n) => layout.of(row, "torque").subarray(2 * n, 2 * n + 2);
+  // The curves of many wheels in one plot could not be told apart.
+  const torquePlots = chain
+    ? contract.axles.map((axle, n) => ({ title: `Wheel torques of ${axle}`, unit: "N m", series: ["left", "right"], values: (row) => torques(row, n) }))
+    : [{ title: "Wheel torques", unit: "N m", series: wheels, values: (row) => layout.of(row, "torque") }];
   const valid = (row) => layout.of(row, "valid")[0] === 1;
   const position = (row) => {
     if (!valid(row)) return [NaN, NaN];
@@ -21,8 +27,8 @@ function plotTable(contract, layout) {
   return [
     { title: "Position error of the estimate", unit: "mm", series: ["true error", "95 % limit by the robot"], looks: ["--c0", "--estimate"], values: position },
     { title: "Heading error of the estimate", unit: "°", series: ["true error", "95 % limit by the robot"], looks: ["--c0", "--estimate"], values: heading },
-    { title: "Disagreement of beam and wheels", unit: "mm, mrad", series: ["along", "across", "heading"], values: (row) => Array.from(layout.of(row, "innovation"), (value) => 1e3 * value) },
-    { title: "Wheel torques", unit: "N m", series: wheels, values: (row) => layout.of(row, "torque") },
+    { title: chain ? "Largest disagreement of a beam and its wheels" : "Disagreement of beam and wheels", unit: "mm, mrad", series: ["along", "across", "heading"], values: (row) => Array.from(layout.of(row, "innovation"), (value) => 1e3 * value) },
+    ...torquePlots,
   ];
 }
 
@@ -72,15 +78,27 @@ class Plots {
   }
 }
 
-// The strip, straightened, with the strain of each gauge as a bar at its place.
-function drawStrip(canvas, contract, strains, scale, fitted) {
-  const { g, width, height } = surface(canvas), left = 40, right = width - 40, middle = height / 2;
+// Height of the picture of the strips, CSS pixels.
+const stripHeight = ({ beams }) => (beams.length > 1 ? 100 * beams.length : 130);
+
+// The strips, straightened and below each other from the front, with the strain of each gauge as a bar at its place.
+function drawStrips(canvas, contract, strains, scale, fitted) {
+  const view = surface(canvas), count = contract.beams.length;
+  contract.beams.forEach((_, n) => drawStrip(view, contract, n, strainsOf(strains, count, n), scale, fitted));
+}
+
+function drawStrip({ g, width, height: whole }, contract, frame, strains, scale, fitted) {
+  const count = contract.beams.length, height = whole / count, top = frame * height;
+  const left = 40, right = width - 40, middle = top + height / 2;
   const X = (place) => left + place / contract.strip_m * (right - left), most = height / 2 - 20;
   g.fillStyle = color("--soft"); g.textAlign = "center";
-  g.fillText("rear", left - 20, middle + 4); g.fillText("front", right + 20, middle + 4);
+  g.fillText(contract.axles[frame + 1], left - 20, middle + 4); g.fillText(contract.axles[frame], right + 20, middle + 4);
   g.strokeStyle = color("--frame"); g.lineWidth = 5; g.beginPath(); g.moveTo(left, middle); g.lineTo(right, middle); g.stroke();
   if (!fitted) return g.fillText("no gauges", width / 2, middle - 12);
-  g.textAlign = "left"; g.fillText(`full bar: ${label(1e6 * scale, 1)} µm/m`, 4, height - 4); g.textAlign = "center";
+  g.textAlign = "left";
+  if (count > 1) g.fillText(contract.beams[frame], 4, top + 14);
+  if (frame + 1 === count) g.fillText(`full bar: ${label(1e6 * scale, 1)} µm/m`, 4, whole - 4);
+  g.textAlign = "center";
   contract.gauges_m.forEach((place, n) => {
     const strain = strains[n], tall = Math.max(-1, Math.min(1, strain / scale)) * most;
     g.fillStyle = color("--outside");

@@ -5,6 +5,7 @@ const settings = { seed: "1" };
 // Key of the scenario of each setting: table, key, and value as TOML.
 const KEYS = {
   world: ["", "world", JSON.stringify],
+  axles: ["robot.geometry", "axles", String],
   gauges: ["mission", "rps", String],
   imu: ["sensors.gyro", "fitted", String],
   fusion: ["robot.lead.fusion", "mode", JSON.stringify],
@@ -13,6 +14,7 @@ const KEYS = {
   goal: ["mission", "goal", (at) => `[${at.map(real).join(", ")}]`],
 };
 
+const axleCount = () => settings.axles || 2;
 const goal = () => settings.goal || page.contract.mission.goal;
 
 // A TOML float needs a decimal point.
@@ -50,6 +52,8 @@ function readAddress(contract) {
   one("world", contract.worlds.map((world) => world.name));
   one("fusion", contract.fusions.map((fusion) => fusion.name));
   yes("gauges"); yes("imu");
+  const axles = Number(given.get("axles"));
+  if (given.has("axles") && Number.isInteger(axles) && axles >= 2 && axles <= contract.most_axles) found.axles = axles;
   const friction = Number(given.get("friction"));
   if (given.has("friction") && friction >= contract.limits.friction[0] && friction <= contract.limits.friction[1]) found.friction = friction;
   posture("start"); posture("goal");

@@ -43,6 +43,7 @@ function showSettings() {
   page.stage.goal = goal();
   find("gauges").checked = settings.gauges !== false;
   find("imu").checked = settings.imu === true;
+  find("axles").value = String(axleCount());
   find("world").value = world;
   find("fusion").value = fusion;
   find("friction").value = String(settings.friction === undefined ? contract.friction : settings.friction);
@@ -60,7 +61,8 @@ function showFaults() {
 
 function showKey() {
   find("key").replaceChildren();
-  const key = { "--truth": "true path", "--estimate": "estimate, 95 % ellipse", "--reference": "planned path", "--goal": "goal, tolerance", "--frame": "strip", "--outside": "strains" };
+  const chain = page.contract.axles.length > 2, axles = chain ? { "--others": "true paths of the axles" } : {};
+  const key = { "--truth": chain ? "true path of the midpoint" : "true path", ...axles, "--estimate": "estimate, 95 % ellipse", "--reference": "planned path", "--goal": "goal, tolerance", "--frame": chain ? "strips" : "strip", "--outside": "strains" };
   Object.entries(key).forEach(([look, name]) => (look === "--outside" ? swatch(find("key"), look, name, []) : swatch(find("key"), look, name)));
 }
 
@@ -101,7 +103,7 @@ function frame() {
   showHandle(find("goal-handle"), "Goal", at("goal", page.stage.goal));
   showHandle(find("robot-handle"), "Robot", at("robot", state("truth")));
   page.plots.draw();
-  if (page.frames % 2) drawStrip(find("strip"), page.contract, state("strain"), page.stage.scale || STRAIN_SCALES[0], settings.gauges !== false);
+  if (page.frames % 2) drawStrips(find("strip"), page.contract, state("strain"), page.stage.scale || STRAIN_SCALES[0], settings.gauges !== false);
   if (page.frames % 6 === 0) page.words.show(page.history.latest, page.task);
   showClock();
   page.busy.push(performance.now() - begin + page.inbox);

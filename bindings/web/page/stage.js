@@ -18,11 +18,12 @@ function strainScale(strains, before = STRAIN_SCALES[0]) {
   return STRAIN_SCALES.find((scale) => most <= scale) || STRAIN_SCALES[STRAIN_SCALES.length - 1];
 }
 
+// Strains of a frame, 0 at the front, out of those of all frames.
+const strainsOf = (strains, frames, n) => strains.subarray(n * strains.length / frames, (n + 1) * strains.length / frames);
+
 class Stage {
-  constructor(canvas, contract, layout) {
+  constructor(canvas) {
     this.canvas = canvas;
-    this.contract = contract;
-    this.layout = layout;
     this.follow = "all";
     this.bounds = null;
     this.view = null;
@@ -32,15 +33,38 @@ class Stage {
     this.refusal = null;
     this.ghost = null;
     this.clouds = [];
+  }
+
+  // Another robot, with other axles and frames.
+  describe(contract, layout) {
+    this.contract = contract;
+    this.layout = layout;
+    this.scale = undefined;
     this.clear();
   }
 
   clear() {
-    this.trails = { truth: [[]], estimate: [[]] };
+    this.trails = { truth: [[]], estimate: [[]], axles: this.further ? this.contract.axles.map(() => [[]]) : [] };
+  }
+
+  // Number of axles beyond two.
+  get further() {
+    return this.contract.axles.length - 2;
+  }
+
+  // Distance between neighbouring axles of a straight robot, m.
+  get spacing() {
+    return this.contract.strip_m + 2 * this.contract.rigid_m;
+  }
+
+  // Posture of an axle in a state.
+  axle(row, n) {
+    return this.layout.of(row, "axles").subarray(3 * n, 3 * n + 3);
   }
 
   add(row) {
     this.extend(this.trails.truth, this.layout.of(row, "truth"));
+    this.trails.axles.forEach((trail, n) => this.extend(trail, this.axle(row, n)));
     const estimate = this.layout.of(row, "estimate");
     if (this.valid(row)) this.extend(this.trails.estimate, estimate);
     else if (this.trails.estimate[this.trails.estimate.length - 1].length) this.lift(this.trails.estimate);
@@ -67,11 +91,12 @@ class Stage {
   // Part of the floor that the view asks for.
   wanted(row) {
     const truth = this.layout.of(row, "truth");
-    if (this.follow === "robot") return [truth[0] - 0.5, truth[1] - 0.5, truth[0] + 0.5, truth[1] + 0.5];
+    const longer = this.further * this.spacing / 2, half = 0.5 + longer;
+    if (this.follow === "robot") return [truth[0] - half, truth[1] - half, truth[0] + half, truth[1] + half];
     const points = [truth, ...this.trails.truth.flat(), ...this.planned, ...this.clouds.flatMap((cloud) => cloud.points)];
     if (this.goal) points.push(this.goal);
     if (this.refusal) points.push(this.refusal.at);
-    const margin = 0.4;
+    const margin = 0.4 + longer;
     let [x0, y0, x1, y1] = [Infinity, Infinity, -Infinity, -Infinity];
     for (const [x, y] of points) {
       x0 = Math.min(x0, x); y0 = Math.min(y0, y); x1 = Math.max(x1, x); y1 = Math.max(y1, y);
@@ -105,6 +130,7 @@ class Stage {
     const truth = layout.of(row, "truth"), target = layout.of(row, "target");
     drawGrid(view);
     if (this.planned.length) drawLine(view, this.planned, color("--reference"), 1.5, dash("--reference"));
+    this.trails.axles.forEach((trail) => trail.forEach((line) => drawLine(view, line, color("--others"), 1.2)));
     this.trails.truth.forEach((line) => drawLine(view, line, color("--truth"), 2));
     this.trails.estimate.forEach((line) => drawLine(view, line, color("--estimate"), 1, dash("--estimate")));
     if (this.goal) {
@@ -118,7 +144,10 @@ class Stage {
     this.drawBody(view, row);
     if (Number.isFinite(truth[0])) this.drawTip(view, truth, color("--body"));
     this.clouds.forEach((cloud) => this.drawCloud(view, cloud));
-    if (this.valid(row)) drawEstimate(view, layout.of(row, "estimate"), layout.of(row, "covariance"), SIGMAS_95);
+    if (this.valid(row)) {
+      if (this.further) this.drawEstimatedAxles(view, layout.of(row, "estimated_axles"));
+      drawEstimate(view, layout.of(row, "estimate"), layout.of(row, "covariance"), SIGMAS_95);
+    }
     this.drawInset(view, row);
     if (this.stroke.length) drawLine(view, this.stroke, color("--accent"), 2.5);
     if (this.ghost) this.drawGhost(view);
@@ -126,17 +155,23 @@ class Stage {
   }
 
   drawBody(view, row) {
-    const { layout } = this, axles = layout.of(row, "axles"), flat = layout.of(row, "frame"), frame = [];
-    for (let k = 0; k < flat.length; k += 2) frame.push([flat[k], flat[k + 1]]);
-    const postures = this.contract.axles.map((_, n) => axles.subarray(3 * n, 3 * n + 3));
-    drawRobot(view, this.contract.body, postures, frame);
-    if (settings.gauges !== false) this.drawStrains(view, frame, layout.of(row, "strain"));
+    const { layout } = this, flat = layout.of(row, "frame"), points = [];
+    for (let k = 0; k < flat.length; k += 2) points.push([flat[k], flat[k + 1]]);
+    drawRobot(view, this.contract.body, this.contract.axles.map((_, n) => this.axle(row, n)), points);
+    if (settings.gauges === false) return;
+    const strains = layout.of(row, "strain"), count = this.contract.beams.length, length = points.length / count;
+    this.scale = strainScale(strains, this.scale);
+    // Points begin at the rear frame, strains at the front one.
+    this.contract.beams.forEach((_, n) => this.drawStrains(view, points.slice((count - 1 - n) * length, (count - n) * length), strainsOf(strains, count, n)));
+  }
+
+  drawEstimatedAxles(view, axles) {
+    for (let k = 0; k < axles.length; k += 3) if (Number.isFinite(axles[k])) drawCross(view, axles.subarray(k, k + 3), color("--estimate"), 0.03);
   }
 
   // Strains as bars across the frame, at the places of the gauges.
   drawStrains(view, frame, strains) {
     const { gauges_m: places, strip_m: strip, rigid_m: rigid } = this.contract;
-    this.scale = strainScale(strains, this.scale);
     places.forEach((place, n) => {
       const at = Math.min(frame.length - 1.001, (rigid + place) / (strip + 2 * rigid) * (frame.length - 1));
       const i = Math.floor(at), [a, b] = [frame[i], frame[i + 1]], share = at - i, length = apart(a, b) || 1;
@@ -151,10 +186,11 @@ class Stage {
   drawInset(view, row) {
     const { layout } = this, truth = layout.of(row, "truth"), estimate = layout.of(row, "estimate"), covariance = layout.of(row, "covariance");
     if (!this.valid(row) || !Number.isFinite(truth[0])) return;
-    const corners = insetCorners(view), points = [truth].concat(this.goal ? [this.goal] : []);
+    const corners = insetCorners(view), axles = this.further ? this.contract.axles.map((_, n) => this.axle(row, n)) : [];
+    const robot = [truth].concat(axles), points = robot.concat(this.goal ? [this.goal] : []);
     const covered = this.corner === undefined || points.some((point) => underInset(view, corners[this.corner], point, 30));
     // The bottom right corner has the pad.
-    if (covered) this.corner = corners.indexOf(bestCorner(view, [corners[0], corners[1], corners[3]], points.concat(this.trails.truth.flat()), truth));
+    if (covered) this.corner = corners.indexOf(bestCorner(view, [corners[0], corners[1], corners[3]], points.concat(this.trails.truth.flat()), robot));
     const reach = apart(truth, estimate) + SIGMAS_95 * Math.sqrt(Math.max(covariance[0], covariance[2]));
     // Scales of 1, 2 and 5 with hysteresis, so that the inset does not flicker.
     if (!(reach < this.spread && reach > 0.3 * this.spread)) this.spread = step(Math.max(1e-3, 1.3 * reach), 1);
@@ -169,7 +205,7 @@ class Stage {
   }
 
   tip(view, [x, y, phi]) {
-    const length = Math.max(0.34, 40 / view.scale);
+    const length = Math.max(0.34 + this.further * this.spacing / 2, 40 / view.scale);
     return [x + length * Math.cos(phi), y + length * Math.sin(phi)];
   }
 
@@ -179,8 +215,9 @@ class Stage {
     if (kind === "goal") {
       drawGoal(view, at, this.contract.mission.tolerance);
     } else {
-      const half = this.contract.strip_m / 2, end = (by) => [x + by * Math.cos(phi), y + by * Math.sin(phi), phi];
-      drawRobot(view, this.contract.body, [end(half), end(-half)], [end(-half), end(half)]);
+      const last = this.contract.axles.length - 1, by = this.further ? this.spacing : this.contract.strip_m;
+      const axles = this.contract.axles.map((_, n) => (last / 2 - n) * by).map((ahead) => [x + ahead * Math.cos(phi), y + ahead * Math.sin(phi), phi]);
+      drawRobot(view, this.contract.body, axles, [axles[last], axles[0]]);
     }
     this.drawTip(view, at, color(kind === "goal" ? "--goal" : "--body"));
     view.g.globalAlpha = 1;

@@ -10,8 +10,8 @@ const TURN_MS = 8, BUDGET_MS = 14;
 const REPEAT_EPOCHS = 5;
 
 let module, web, width = 0;
-// Number of the planned path, and its place in a state.
-let plans = 0, plansAt;
+// Number of axles of the robot on the scene, and of the planned path, and the place of the latter in a state.
+let axles = 0, plans = 0, plansAt;
 // Seed, trial and scenario of the robot on the scene; null for the Workers of the trials.
 let setup = null;
 // Orders that outlast a change of settings or a placement of the robot.
@@ -54,15 +54,24 @@ function instance() {
   web = new WebAssembly.Instance(module, {}).exports;
 }
 
+// Description of a robot with a number of axles; its states have the places of this description.
+function describe(count) {
+  const contract = JSON.parse(read(web.describe(count))), place = contract.state.findIndex(([name]) => name === "plans");
+  plansAt = contract.state.slice(0, place).reduce((sum, [, size]) => sum + size, 0);
+  axles = count;
+  return contract;
+}
+
 function create(wanted) {
   write(wanted.scenario);
   const answer = done(web.create(BigInt(wanted.seed), BigInt(wanted.trial)));
   if (!answer.ok) return answer;
   setup = wanted;
+  const contract = wanted.axles === axles ? null : describe(wanted.axles);
   friction = undefined; drifts = []; goal = null; held = null;
   timed = []; epochs = 0;
   rows = []; plans = 0; due = 0; last = performance.now();
-  postMessage({ event: "created" });
+  postMessage({ event: "created", contract, row: contract && numbers(web.state()).slice() });
   observe();
   return answer;
 }
@@ -155,13 +164,11 @@ const actions = {
   load(details) {
     module = details.module;
     instance();
-    const contract = JSON.parse(read(web.describe())), place = contract.state.findIndex(([name]) => name === "plans");
-    plansAt = contract.state.slice(0, place).reduce((sum, [, count]) => sum + count, 0);
-    return { ok: true, contract };
+    return { ok: true, contract: describe(2) };
   },
   // `orders`: actions carried out before time goes on, or at the time `at_s`.
-  create({ seed, trial, scenario, orders }) {
-    let answer = create({ seed, trial, scenario });
+  create({ seed, trial, scenario, axles: count, orders }) {
+    let answer = create({ seed, trial, scenario, axles: count });
     if (!answer.ok) return answer;
     timed = orders.filter((order) => order.at_s);
     for (const order of orders) if (answer.ok && !order.at_s) answer = carryOut(order);

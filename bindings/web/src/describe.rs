@@ -1,13 +1,13 @@
 //! Description of the simulation for a page: choices, names, dimensions, layout of the state.
 
-use crate::faults::FAULTS;
+use crate::faults;
 use crate::live::Live;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
 use core_algos::fusion::robot::Mode;
 use core_algos::safety::OperatingState;
 use core_algos::safety::condition::TABLE;
-use core_algos::topology::Role;
+use core_algos::topology::{MAX_AXLES, Role};
 use declare::{Declared, Kind};
 use host_sim::base::error::Error;
 use host_sim::run::end::EndKind;
@@ -38,9 +38,10 @@ fn summary(name: &str) -> Result<Value, Error> {
     Ok(json!({ "name": name, "text": sentence.unwrap_or_default().trim() }))
 }
 
-/// Description in JSON.
-pub fn json() -> Result<Value, Error> {
-    let scenario = Scenario::in_world(None)?;
+/// Description of a robot with a number of axles, in JSON.
+pub fn json(axles: usize) -> Result<Value, Error> {
+    let text = format!("[robot.geometry]\naxles = {axles}");
+    let scenario = Scenario::parse(None, &text, "scenario", &[])?;
     let topology = scenario.robot.topology();
     let body = Body::of(&scenario.world.plant);
     let strip = &scenario.robot.beam.strip;
@@ -60,7 +61,7 @@ pub fn json() -> Result<Value, Error> {
             "meaning": entry.meaning, "remedy": entry.remedy,
         })
     };
-    let fault = |fault: &crate::faults::Entry| json!({ "name": fault.name, "text": fault.text });
+    let fault = |fault: faults::Entry| json!({ "name": fault.name, "text": fault.text });
     let mut state = Vec::new();
     let robot = Live::new(scenario.clone(), 1, 0)?;
     robot.visit(&mut |name, values| state.push(json!([name, values.len()])));
@@ -69,12 +70,14 @@ pub fn json() -> Result<Value, Error> {
         "worlds": worlds?,
         "fusions": fusions.iter().map(fusion).collect::<Vec<_>>(),
         "codes": TABLE.iter().map(code).collect::<Vec<_>>(),
-        "faults": FAULTS.iter().map(fault).collect::<Vec<_>>(),
+        "faults": faults::of(topology).into_iter().map(fault).collect::<Vec<_>>(),
         "ends": EndKind::ALL.map(EndKind::name),
         "modes": LeadMode::NAMES,
         "states": OperatingState::NAMES,
         "nodes": topology.nodes().map(|node| topology.node_name(node)).collect::<Vec<_>>(),
         "axles": topology.axles().map(|axle| topology.name(Role::Axle(axle))).collect::<Vec<_>>(),
+        "most_axles": MAX_AXLES,
+        "beams": topology.frames().map(|frame| topology.name(Role::Beam(frame))).collect::<Vec<_>>(),
         "body": {
             "half_track": body.half_track_m,
             "wheel_radius": body.wheel_radius_m,

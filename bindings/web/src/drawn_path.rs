@@ -16,13 +16,19 @@ const MAX_LENGTH_M: f64 = 100.0;
 /// Length at the beginning in which the robot's heading decides, m.
 const LEAD_IN_M: f64 = 0.1;
 
-/// Path from the posture `at` through the points `drawn` (m). The least smoothing that the frame allows is used; the
-/// error names place and reason where no smoothing is enough.
-pub fn route(at: [f64; 3], drawn: &[[f64; 2]], scenario: &Scenario) -> Result<Route, Error> {
-    let (sin, cos) = libm::sincos(at[2]);
-    let lead_in = [0.0, LEAD_IN_M].map(|s| [at[0] + s * cos, at[1] + s * sin]);
+/// Path from the posture `at` through the points `drawn` (m). `at` belongs to the point of the robot that drives on the
+/// path: the midpoint, or the first of three and more axles; `midpoint` is the robot's. The least smoothing that the
+/// frame allows is used; the error names place and reason where no smoothing is enough.
+pub fn route(
+    at: [f64; 3],
+    midpoint: [f64; 2],
+    drawn: &[[f64; 2]],
+    scenario: &Scenario,
+) -> Result<Route, Error> {
+    let lead_in = [0.0, LEAD_IN_M].map(|s| ahead(at, s));
     // What is drawn around the robot is left out.
-    let near = |point: &&[f64; 2]| distance(**point, lead_in[0]) < LEAD_IN_M;
+    let reach = distance(midpoint, lead_in[0]) + LEAD_IN_M;
+    let near = |point: &&[f64; 2]| distance(**point, midpoint) < reach;
     let rest = drawn.iter().skip_while(near);
     let points: Vec<[f64; 2]> = lead_in.into_iter().chain(rest.copied()).collect();
     let points = resampled(&points)?;
@@ -54,8 +60,18 @@ fn smooth_route(
         .chain([last])
         .map(|i| Waypoint::from((points[i][0], points[i][1])));
     let route = Route::new(&Path::through(&waypoints.collect::<Vec<_>>())?, 1, scenario)?;
-    route.check_start(at, start_distances(scenario)[1])?;
+    // The check takes a midpoint, and the first axle of a straight robot is ahead of it.
+    let first = &route.path().samples()[0];
+    let [x, y, _] = route.start();
+    let [back_x, back_y] = ahead(at, -distance([first.x, first.y], [x, y]));
+    route.check_start([back_x, back_y, at[2]], start_distances(scenario)[1])?;
     Ok(route)
+}
+
+/// Point at a distance (m) ahead of a posture.
+fn ahead([x, y, phi]: [f64; 3], distance: f64) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(phi);
+    [x + distance * cos, y + distance * sin]
 }
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -170,7 +186,7 @@ mod tests {
                 [radius * libm::sin(angle), 0.8 - radius * libm::cos(angle)]
             })
             .collect();
-        let route = route([0.0; 3], &drawn, &scenario).unwrap();
+        let route = route([0.0; 3], [0.0; 2], &drawn, &scenario).unwrap();
         assert!(route.path().max_curvature() <= route.curvature_bound());
         let length = route.path().length();
         assert!(
@@ -186,8 +202,11 @@ mod tests {
     #[test]
     fn path_that_turns_on_the_spot_or_is_too_short_or_too_long_is_refused_with_its_place() {
         let scenario = Scenario::default();
-        let refusal =
-            |drawn: &[[f64; 2]]| route([0.0; 3], drawn, &scenario).unwrap_err().to_string();
+        let refusal = |drawn: &[[f64; 2]]| {
+            route([0.0; 3], [0.0; 2], drawn, &scenario)
+                .unwrap_err()
+                .to_string()
+        };
         let zigzag: Vec<[f64; 2]> = (0..20)
             .map(|k| [1.0 - f64::from(k % 2), 0.02 * f64::from(k)])
             .collect();

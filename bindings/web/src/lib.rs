@@ -9,7 +9,7 @@
 //! | [`text`]`(length)` | pointer to a buffer for text in UTF-8 |
 //! | [`numbers`]`(count)` | pointer to a buffer for numbers |
 //! | [`message`]`()` | length of the latest error, which moves into the text buffer; 0 at the next call |
-//! | [`describe`]`()` | length of a description in JSON: choices, codes, faults, dimensions, layout of the state |
+//! | [`describe`]`(axles)` | length of a description in JSON: choices, codes, faults, dimensions, layout of the state |
 //!
 //! Whole runs:
 //!
@@ -40,6 +40,7 @@ mod faults;
 mod live;
 
 use core_algos::link::framing::crc32c;
+use core_algos::topology::MAX_AXLES;
 use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::run::end::EndKind;
@@ -144,11 +145,11 @@ pub extern "C" fn message() -> usize {
     })
 }
 
-/// Moves a description in JSON into the text buffer and gives its length.
+/// Moves a description of a robot with a number of axles, in JSON, into the text buffer and gives its length.
 #[unsafe(no_mangle)]
-pub extern "C" fn describe() -> usize {
+pub extern "C" fn describe(axles: usize) -> usize {
     counted(|host| {
-        host.text = describe::json()?.to_string().into_bytes();
+        host.text = describe::json(axles)?.to_string().into_bytes();
         Ok(host.text.len())
     })
 }
@@ -222,9 +223,12 @@ pub extern "C" fn drive_plant(ticks: usize) -> usize {
         let scenario = host.scenario()?;
         let drawn = scenario.world.draw(scenario.robot.topology(), 1, 0);
         let mut plant = DrawnPlant::new(&scenario, &drawn)?.plant;
+        let axles = plant.axles().len();
         for tick in 0..ticks {
             let torque = 0.5 * libm::sin(1e-3 * tick as f64);
-            plant.step(&[[torque, 0.8 * torque], [torque, torque]]);
+            let mut torques = [[torque; 2]; MAX_AXLES];
+            torques[0][1] = 0.8 * torque;
+            plant.step(&torques[..axles]);
         }
         Ok(ticks)
     })

@@ -1,7 +1,7 @@
 //! A robot that a visitor drives: commands, faults and changed settings between the ticks.
 
 use crate::drawn_path;
-use crate::faults::FAULTS;
+use crate::faults;
 use core_algos::bus::LeadMode;
 use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
@@ -10,7 +10,7 @@ use core_algos::safety::{Condition, Permit};
 use core_algos::time::{EPOCH, Micros, TICK};
 use host_sim::base::error::{Error, Refusal};
 use host_sim::run::path_run::{PathMode, Route, Stream};
-use host_sim::run::robot::{Record, Robot};
+use host_sim::run::robot::{Record, Robot, estimated_axles};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets::{self, HostCommand};
@@ -243,8 +243,18 @@ impl Live {
 
     /// Path from the estimated posture through drawn points.
     fn route(&self, drawn: &[[f64; 2]]) -> Result<Route, Error> {
-        let at = self.robot.lead_output().fused.robot.posture;
-        drawn_path::route([at.x, at.y, at.phi].map(f64::from), drawn, &self.scenario)
+        let fused = &self.robot.lead_output().fused;
+        let midpoint = fused.robot.posture;
+        let at = match self.scenario.robot.topology().frame_count() {
+            1 => midpoint,
+            _ => fused.front.posture,
+        };
+        drawn_path::route(
+            [at.x, at.y, at.phi].map(f64::from),
+            [midpoint.x, midpoint.y].map(f64::from),
+            drawn,
+            &self.scenario,
+        )
     }
 
     /// Drives to a goal.
@@ -294,13 +304,18 @@ impl Live {
 
     /// Injects a fault beside those present.
     pub fn fault(&mut self, number: usize) -> Result<(), Error> {
-        let count = FAULTS.len();
-        let Some(fault) = FAULTS.get(number) else {
-            return Err(refused("fault", number as f64, [0.0, count as f64 - 1.0]));
-        };
+        let mut all = faults::of(self.scenario.robot.topology());
+        if number >= all.len() {
+            return Err(refused(
+                "fault",
+                number as f64,
+                [0.0, all.len() as f64 - 1.0],
+            ));
+        }
+        let fault = all.swap_remove(number).fault;
         let tick = self.free_tick.max(self.tick());
         self.free_tick = tick + 1;
-        self.robot.inject((fault.make)(), tick);
+        self.robot.inject(fault, tick);
         Ok(())
     }
 
@@ -339,8 +354,13 @@ impl Live {
                 .flat_map(|axle| axle.posture)
                 .collect::<Vec<_>>(),
         );
-        let estimated = [&fused.front, &fused.rear].map(|axle| posture(axle.posture));
-        put("estimated_axles", estimated.as_flattened());
+        let mut estimated: Vec<f64> = estimated_axles(lead).flat_map(posture).collect();
+        let count = 3 * record.axles.len();
+        // Before the first estimate of each axle, no axle is known.
+        if estimated.len() != count {
+            estimated = vec![f64::NAN; count];
+        }
+        put("estimated_axles", &estimated);
         let points = record.frames.iter().rev().flat_map(|frame| frame.points);
         put(
             "frame",
@@ -386,6 +406,7 @@ impl Live {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::topology::Topology;
 
     fn robot(text: &str) -> Live {
         let scenario = Scenario::parse(None, text, "scenario", &[]).unwrap();
@@ -504,7 +525,8 @@ mod tests {
         let mut robot = robot("");
         robot.regulate([0.0; 3]).unwrap();
         run(&mut robot, 3.0);
-        let number = |name: &str| FAULTS.iter().position(|fault| fault.name == name).unwrap();
+        let faults = faults::of(Topology::PAIR);
+        let number = |name: &str| faults.iter().position(|fault| fault.name == name).unwrap();
         for name in ["gauge wire breaks", "beam board off", "rear board off"] {
             robot.fault(number(name)).unwrap();
         }
@@ -521,6 +543,53 @@ mod tests {
             state(&robot, "reasons")[0],
             f64::from(Condition::NeighbourLost.code())
         );
+    }
+
+    /// The path begins at the first axle, and what is drawn along the robot is left out.
+    #[test]
+    fn four_axles_follow_a_drawn_path_from_their_first_axle() {
+        let mut robot = robot("[robot.geometry]\naxles = 4");
+        run(&mut robot, 0.6);
+        let at = state(&robot, "truth");
+        let line: Vec<[f64; 2]> = (0..60)
+            .map(|k| [at[0] + 0.05 * f64::from(k), at[1]])
+            .collect();
+        robot.follow(&line).unwrap();
+        run(&mut robot, 30.0);
+        assert_eq!(state(&robot, "done"), [1.0]);
+        let path = robot.planned().unwrap().to_vec();
+        let front = &state(&robot, "axles")[..2];
+        assert!(path[0][0] - at[0] > 0.5, "{:?} {at:?}", path[0]);
+        // The midpoint ends at the end of the path, so the first axle drives beyond.
+        let end = path.last().unwrap();
+        assert!(
+            distance(&state(&robot, "truth"), end) < 0.1,
+            "{front:?} {end:?}"
+        );
+    }
+
+    /// The state holds every axle and frame, and the lost board of an inner axle is noticed.
+    #[test]
+    fn three_axles_reach_a_goal_and_stop_without_their_middle_board() {
+        let mut robot = robot("[robot.geometry]\naxles = 3");
+        robot.regulate([0.0; 3]).unwrap();
+        run(&mut robot, 45.0);
+        assert_eq!(state(&robot, "done"), [1.0]);
+        assert!(distance(&state(&robot, "truth"), &[0.0, 0.0]) < 0.1);
+        let (axles, estimated) = (state(&robot, "axles"), state(&robot, "estimated_axles"));
+        assert_eq!((axles.len(), estimated.len()), (9, 9));
+        for k in 0..3 {
+            assert!(distance(&axles[3 * k..], &estimated[3 * k..]) < 0.1, "{k}");
+        }
+        let faults = faults::of(Topology::new(3).unwrap());
+        let number = faults
+            .iter()
+            .position(|fault| fault.name == "axle-2 board off");
+        robot.regulate([1.0, 0.0, 0.0]).unwrap();
+        robot.fault(number.unwrap()).unwrap();
+        run(&mut robot, 2.0);
+        let lost = f64::from(Condition::NeighbourLost.code());
+        assert_eq!(state(&robot, "reasons")[0], lost);
     }
 
     /// At the largest torque the wheels of a robot on ice slip; its acceleration is below friction times gravity.
@@ -575,7 +644,7 @@ mod tests {
                 text(robot.speed(f64::INFINITY, 0.0)),
                 "speed = inf: must be",
             ),
-            (text(robot.fault(FAULTS.len())), "fault = "),
+            (text(robot.fault(99)), "fault = "),
         ] {
             assert!(text.starts_with(start), "{text}");
         }

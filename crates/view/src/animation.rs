@@ -1,7 +1,7 @@
 //! An animated picture of runs beside each other: SVG that a browser, or a page of Markdown, plays.
 //!
-//! Each panel shows the true robot, its estimate with the 95 % ellipse, the goal and its tolerance. The picture
-//! repeats; a viewer that does not animate shows the end of the runs.
+//! Each panel shows the true robot, its estimate with the 95 % ellipse, the goal and its tolerance, or the path that the
+//! robot follows. The picture repeats; a viewer that does not animate shows the end of the runs.
 
 use crate::style::{BODY, ESTIMATE, FRAME, GOAL, INK, OTHERS, REFERENCE, Stroke};
 use host_sim::run::final_error::wrap;
@@ -9,8 +9,11 @@ use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 use std::fmt::Write;
 
-/// Width of the picture, in units of the SVG; below, height.
+/// Width of a picture of goals, in units of the SVG.
 const WIDTH: f64 = 800.0;
+/// Width of the picture of a path, in units of the SVG: no less than its legend needs.
+const PATH_WIDTH: f64 = 500.0;
+/// Height of a picture, in units of the SVG.
 const HEIGHT: f64 = 420.0;
 /// Height of the titles above the panels.
 const TITLE: f64 = 52.0;
@@ -33,10 +36,26 @@ pub struct Run<'a> {
     pub result: String,
     /// Records of all epochs.
     pub records: &'a [Record],
-    /// Goal posture of the run.
-    pub goal: [f64; 3],
-    /// Position tolerance of the goal, m.
-    pub tolerance_m: f64,
+    /// Target of the run.
+    pub target: Target,
+}
+
+/// Target that a panel shows.
+pub enum Target {
+    /// Goal posture, with its position tolerance, m.
+    Goal([f64; 3], f64),
+    /// Points of the path that the robot follows, m.
+    Path(Vec<[f64; 2]>),
+}
+
+impl Target {
+    /// Points that the picture has to show, m.
+    fn points(&self) -> Vec<[f64; 2]> {
+        match self {
+            Self::Goal([x, y, _], _) => vec![[*x, *y]],
+            Self::Path(points) => points.clone(),
+        }
+    }
 }
 
 /// Transformation from metres in the plane to units of the picture.
@@ -65,12 +84,14 @@ impl Map {
 
 /// Draws the runs, one panel each; returns the text of an SVG file.
 pub fn svg(body: &Body, runs: &[Run]) -> String {
-    let size = format!("viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\"");
+    let path = runs.iter().any(|run| matches!(run.target, Target::Path(_)));
+    let whole = if path { PATH_WIDTH } else { WIDTH };
+    let size = format!("viewBox=\"0 0 {whole} {HEIGHT}\" font-family=\"sans-serif\"");
     let mut text = format!("<svg xmlns=\"http://www.w3.org/2000/svg\" {size}>\n");
-    text += &format!("<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#ffffff\"/>\n");
+    text += &format!("<rect width=\"{whole}\" height=\"{HEIGHT}\" fill=\"#ffffff\"/>\n");
     let steps = runs.iter().map(|run| sampled(run.records).len()).max();
     let clock = Clock::new(steps.unwrap_or(0));
-    let width = WIDTH / runs.len().max(1) as f64;
+    let width = whole / runs.len().max(1) as f64;
     let room = [width - 8.0, HEIGHT - TITLE - LEGEND];
     let (origin, scale) = limits(runs, room);
     for (n, run) in runs.iter().enumerate() {
@@ -91,13 +112,17 @@ pub fn svg(body: &Body, runs: &[Run]) -> String {
             [left, width],
         );
     }
-    text + &legend() + "</svg>\n"
+    text + &legend(path) + "</svg>\n"
 }
 
-/// SVG text of the legend below the panels.
-fn legend() -> String {
+/// SVG text of the legend below the panels, of paths or of goals.
+fn legend(path: bool) -> String {
+    let target = match path {
+        true => "path",
+        false => "goal and its position tolerance",
+    };
     let words = format!(
-        "dashed: robot's estimate with its 95 % ellipse; green: goal and its position tolerance; {SPEED}× real time"
+        "dashed: robot's estimate with its 95 % ellipse; green: {target}; {SPEED}× real time"
     );
     let (y, ink) = (HEIGHT - 9.0, INK.css());
     format!("<text x=\"12\" y=\"{y}\" font-size=\"12\" fill=\"{ink}\">{words}</text>\n")
@@ -110,7 +135,8 @@ fn limits(runs: &[Run], [width, height]: [f64; 2]) -> ([f64; 2], f64) {
         // The axles of a robot with one frame are within the margin.
         let chains = run.records.iter().filter(|record| record.frames.len() > 1);
         let axles = chains.flat_map(|record| record.axles.iter().map(|axle| axle.posture));
-        path.chain([run.goal]).chain(axles)
+        let target = run.target.points();
+        path.chain(axles).map(|[x, y, _]| [x, y]).chain(target)
     });
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for point in points {
@@ -201,19 +227,19 @@ fn panel(text: &mut String, panel: &Panel, [left, width]: [f64; 2]) {
             .step_by(10)
             .map(|r| [r.midpoint[0], r.midpoint[1]]),
     );
-    line(text, &path, OTHERS.stroke);
-    let [x, y, heading] = run.goal;
-    let [u, v] = map.at([x, y]);
-    let radius = run.tolerance_m * map.scale;
-    let circle = format!("<circle cx=\"{u:.1}\" cy=\"{v:.1}\" r=\"{radius:.1}\"");
-    let _ = writeln!(
-        text,
-        "{circle} fill=\"none\" {}/>",
-        stroke(REFERENCE.stroke)
-    );
-    let (sin, cos) = libm::sincos(heading);
-    let arrow = map.points([[x, y], [x + 0.16 * cos, y + 0.16 * sin]]);
-    line(text, &arrow, GOAL.stroke);
+    match &run.target {
+        Target::Goal(goal, tolerance_m) => {
+            line(text, &path, OTHERS.stroke);
+            target(text, map, *goal, *tolerance_m);
+        }
+        Target::Path(points) => {
+            line(text, &map.points(points.iter().copied()), REFERENCE.stroke);
+            // The midpoint of three and more axles cuts the curves that the axles drive on.
+            if run.records.iter().all(|record| record.axles.len() == 2) {
+                line(text, &path, OTHERS.stroke);
+            }
+        }
+    }
     estimate(text, panel, &records);
     let axles = records.first().map_or(0, |record| record.axles.len());
     for axle in 0..axles {
@@ -235,6 +261,21 @@ fn panel(text: &mut String, panel: &Panel, [left, width]: [f64; 2]) {
         );
     }
     text.push_str("</svg>\n");
+}
+
+/// Draws a goal posture: the circle of its tolerance, and an arrow along its heading.
+fn target(text: &mut String, map: &Map, [x, y, heading]: [f64; 3], tolerance_m: f64) {
+    let [u, v] = map.at([x, y]);
+    let radius = tolerance_m * map.scale;
+    let circle = format!("<circle cx=\"{u:.1}\" cy=\"{v:.1}\" r=\"{radius:.1}\"");
+    let _ = writeln!(
+        text,
+        "{circle} fill=\"none\" {}/>",
+        stroke(REFERENCE.stroke)
+    );
+    let (sin, cos) = libm::sincos(heading);
+    let arrow = map.points([[x, y], [x + 0.16 * cos, y + 0.16 * sin]]);
+    line(text, &arrow, GOAL.stroke);
 }
 
 /// Draws an axle with its wheels, moving along the records.
@@ -404,8 +445,7 @@ mod tests {
             title: title.to_owned(),
             result: "at the goal".to_owned(),
             records,
-            goal: [0.0; 3],
-            tolerance_m: 0.1,
+            target: Target::Goal([0.0; 3], 0.1),
         };
         let text = svg(&BODY, &[run("short", &short), run("long", &long)]);
         check_svg(&text);
@@ -426,6 +466,34 @@ mod tests {
         let tolerance: f64 = attributes(&text, "circle", "r")[0].parse().unwrap();
         let expected = tolerance / 0.1 * 0.01 * 5.991f64.sqrt();
         assert!((radius[0] - expected).abs() < 0.1, "{radius:?} {expected}");
+    }
+
+    /// Three axles on a path: three moving axles, two moving frames, and the path as one line.
+    #[test]
+    fn every_axle_and_frame_of_a_chain_on_a_path_moves() {
+        let mut records = records(4);
+        for record in &mut records {
+            record.axles = vec![AxleRecord::default(); 3];
+            record.frames = vec![FrameRecord::default(); 2];
+        }
+        let points = vec![[0.0, 0.0], [3.0, 2.0]];
+        let run = Run {
+            title: "path".to_owned(),
+            result: String::new(),
+            records: &records,
+            target: Target::Path(points),
+        };
+        let text = svg(&BODY, &[run]);
+        check_svg(&text);
+        let wheels = attributes(&text, "rect", "fill")
+            .iter()
+            .filter(|fill| **fill != "#ffffff")
+            .count();
+        assert_eq!(wheels, 6);
+        let moving = attributes(&text, "animate", "attributeName");
+        assert_eq!(moving.iter().filter(|name| **name == "points").count(), 2);
+        assert_eq!(attributes(&text, "polyline", "points").len(), 3);
+        assert!(text.contains("green: path"));
     }
 
     #[test]

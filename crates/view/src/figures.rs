@@ -378,15 +378,15 @@ fn with_gaps(points: impl Iterator<Item = [f64; 2]>, gap: f64) -> Vec<[f64; 2]> 
 pub struct FollowRun {
     /// Reference path, m.
     pub reference: Vec<[f64; 2]>,
-    /// Path of O as driven, m.
-    pub driven: Vec<[f64; 2]>,
+    /// Paths as driven, m: of O, or of every axle of a robot of three and more axles.
+    pub driven: Vec<Vec<[f64; 2]>>,
     /// Robot at several instants.
     pub snapshots: Vec<Snapshot>,
     /// Caption of the distance panel.
     pub distance_label: &'static str,
-    /// Path errors of the true posture of O.
+    /// Path errors of the true posture of O, of three and more axles of the first axle.
     pub truth: FollowErrors,
-    /// Path errors of the estimated posture of O.
+    /// Path errors of the estimated posture of O, of three and more axles of the first axle.
     pub estimate: FollowErrors,
 }
 
@@ -406,10 +406,20 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
     let mut map = Panel::new("x (m)", "y (m)")
         .caption(times(&run.snapshots))
         .equal_axes();
+    // Paths of axles lie on the frames, so the robot is drawn over them; the path of O is drawn over the robot.
+    let (below, above) = match run.driven.len() {
+        1 => (&[][..], &run.driven[..]),
+        _ => (&run.driven[..], &[][..]),
+    };
+    for path in below {
+        map.line("true", path.iter().copied(), TRUTH.stroke);
+    }
     for snapshot in &run.snapshots {
         robot(&mut map, body, snapshot);
     }
-    map.line("true", run.driven.iter().copied(), TRUTH.stroke);
+    for path in above {
+        map.line("true", path.iter().copied(), TRUTH.stroke);
+    }
     map.line("reference", run.reference.iter().copied(), REFERENCE.stroke);
     let mut distance = Panel::new("t (s)", "distance (mm)")
         .caption(run.distance_label)

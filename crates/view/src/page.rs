@@ -10,7 +10,7 @@ use core_algos::math::Posture;
 use core_algos::topology::Role;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::final_error::wrap;
-use host_sim::run::robot::Record;
+use host_sim::run::robot::{Record, estimated_axles};
 use host_sim::scenario::Scenario;
 use host_sim::world::body::Body;
 use output::files::OutputDir;
@@ -158,15 +158,9 @@ impl Run<'_> {
             0 => degrees(off(i, 2)),
             _ => 2.0 * sigma(i, 2).to_degrees(),
         };
-        let torque = |i: usize, n: usize| record(i).axles[n / 2].torque[n % 2];
         let names = ["x", "y", "2σ x", "2σ y"];
         let topology = self.scenario.robot.topology();
-        let wheels: Vec<String> = topology
-            .axles()
-            .map(|axle| topology.name(Role::Axle(axle)))
-            .flat_map(|axle| ["left", "right"].map(|side| format!("{axle} {side}")))
-            .collect();
-        let wheels: Vec<&str> = wheels.iter().map(String::as_str).collect();
+        let chain = topology.frame_count() > 1;
         let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
         let fitted = self.scenario.robot.beam.strip.gauges_m.count();
         let gauges = if self.scenario.mission.rps { fitted } else { 0 };
@@ -185,14 +179,44 @@ impl Run<'_> {
                 "°",
                 numbered(&["heading", "2σ"], &heading),
             ),
-            plot("Wheel torques", "N m", numbered(&wheels, &torque)),
         ];
+        if chain {
+            // Ten wheels in one plot could not be told apart.
+            plots.extend(topology.axles().map(|axle| {
+                let torque = |i: usize, n: usize| record(i).axles[axle.index()].torque[n];
+                let title = format!("Wheel torques of {}", topology.name(Role::Axle(axle)));
+                plot(&title, "N m", numbered(&["left", "right"], &torque))
+            }));
+            let beams = topology.frames().map(Role::Beam);
+            let beams: Vec<&str> = beams.map(|beam| topology.name(beam)).collect();
+            let force = |i: usize, n: usize| {
+                let [along, across] = record(i).frames[n].wrench.force;
+                libm::hypot(along, across)
+            };
+            plots.push(plot("Frame forces", "N", numbered(&beams, &force)));
+        } else {
+            let wheels: Vec<String> = topology
+                .axles()
+                .map(|axle| topology.name(Role::Axle(axle)))
+                .flat_map(|axle| ["left", "right"].map(|side| format!("{axle} {side}")))
+                .collect();
+            let wheels: Vec<&str> = wheels.iter().map(String::as_str).collect();
+            let torque = |i: usize, n: usize| record(i).axles[n / 2].torque[n % 2];
+            plots.push(plot("Wheel torques", "N m", numbered(&wheels, &torque)));
+        }
         let frames = topology.frames().filter(|_| gauges > 0);
         plots.extend(frames.map(|frame| {
             let strain =
                 |i: usize, n: usize| 1e6 * f64::from(record(i).frames[frame.index()].strain[n]);
             let series = numbered(&strains[..gauges], &strain);
-            plot("Strains, from the rear end on", "µm/m", series)
+            let title = match chain {
+                true => format!(
+                    "Strains of {}, from the rear end on",
+                    topology.name(Role::Beam(frame))
+                ),
+                false => "Strains, from the rear end on".to_owned(),
+            };
+            plot(&title, "µm/m", series)
         }));
         // The true state of a real robot is unknown, so its curves are left out.
         for plot in &mut plots {
@@ -249,7 +273,10 @@ impl Run<'_> {
             records.iter().map(value).collect()
         };
         let mission = &self.scenario.mission;
-        let axles = self.scenario.robot.topology().axles();
+        let topology = self.scenario.robot.topology();
+        // For two axles the cross of the midpoint is enough.
+        let chain = topology.frame_count() > 1;
+        let estimated = topology.axles().filter(|_| chain);
         let configuration = self.scenario.to_toml().unwrap_or_default();
         let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
         json!({
@@ -261,7 +288,15 @@ impl Run<'_> {
             "reference": self.reference.iter().map(|&p| coordinates(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
-            "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
+            "axles": topology.axles().map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
+            "estimated_axles": estimated.map(|axle| list(&|record| {
+                let all: Vec<Posture> = estimated_axles(&record.lead).collect();
+                let known = all.len() == topology.axle_count();
+                let at = all.get(axle.index()).filter(|_| known);
+                let at = at.map_or([f64::NAN; 3], |&at| posture(at));
+                let truth = record.axles[axle.index()].posture[2];
+                [at[0], at[1], truth + wrap(at[2] - truth)]
+            })).collect::<Vec<_>>(),
             // Distance from the true to the estimated position, plus twice the larger standard deviation of x and y.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
@@ -319,12 +354,69 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
 mod tests {
     use super::*;
     use core_algos::safety::{Condition, Conditions};
-    use host_sim::run::robot::{AxleRecord, FrameRecord};
+    use host_sim::run::robot::{AxleRecord, FRAME_POINTS, FrameRecord};
 
     fn data(page: &str) -> serde_json::Value {
         let (_, rest) = page.split_once("id=\"data\">").unwrap();
         let (json, _) = rest.split_once("</script>").unwrap();
         serde_json::from_str(json).unwrap()
+    }
+
+    /// Each axle and frame of three axles is drawn, estimated, and named in the plots.
+    #[test]
+    fn page_of_three_axles_has_every_axle_and_frame_by_name() {
+        let text = "[robot.geometry]\naxles = 3";
+        let scenario = Scenario::parse(None, text, "scenario", &[]).unwrap();
+        let mut record = Record {
+            time_s: 0.01,
+            axles: vec![AxleRecord::default(); 3],
+            frames: vec![FrameRecord::default(); 2],
+            ..Record::default()
+        };
+        record.axles[1].torque = [0.25, 0.5];
+        record.frames[0].points[0] = [1.0, 0.0];
+        record.frames[1].points[0] = [2.0, 0.0];
+        record.frames[1].wrench.force = [3.0, 4.0];
+        record.frames[1].strain[2] = 5e-6;
+        let unknown = record.clone();
+        record.lead.inner[0] = Some(Posture::new(0.5, 0.0, 0.0));
+        let end = RunEnd::default();
+        let run = Run {
+            title: String::new(),
+            name: String::new(),
+            goal: None,
+            reference: Vec::new(),
+            errors: vec![[[0.0; 2]; 2]; 2],
+            records: vec![&unknown, &record],
+            distance: "Distance",
+            end: &end,
+            summary: Vec::new(),
+            scenario: &scenario,
+        };
+        let page = page("", &Body::of(&scenario.world.plant), &[run]);
+        let data = data(&page);
+        let run = &data["runs"][0];
+        assert_eq!(run["axles"].as_array().unwrap().len(), 3);
+        // Without an estimate of the inner axle no axle is taken for another one.
+        assert!(run["estimated_axles"][2][0][0].is_null());
+        assert_eq!(run["estimated_axles"][1][1][0], 0.5);
+        let points = run["frame"][1].as_array().unwrap();
+        assert_eq!(points.len(), 2 * 2 * FRAME_POINTS);
+        assert_eq!(
+            (&points[0], &points[2 * FRAME_POINTS]),
+            (&json!(2), &json!(1))
+        );
+        let plots = run["plots"].as_array().unwrap();
+        let value = |title: &str, name: &str| {
+            let plot = plots.iter().find(|plot| plot["title"] == title).unwrap();
+            let series = plot["series"].as_array().unwrap();
+            let found = series.iter().find(|series| series["name"] == name).unwrap();
+            found["data"][1].as_f64().unwrap()
+        };
+        assert_eq!(value("Wheel torques of axle-2", "right"), 0.5);
+        assert_eq!(value("Frame forces", "beam-2"), 5.0);
+        assert_eq!(value("Strains of beam-2, from the rear end on", "3"), 5.0);
+        assert_eq!(plots.len(), 4 + 3 + 1 + 2);
     }
 
     #[test]

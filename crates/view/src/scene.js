@@ -97,7 +97,8 @@ function drawGoal(view, goal, [radius, angle]) {
   drawCross(view, goal, color("--goal"), 0.1);
 }
 
-// Axles with their wheels, and the frame as it is bent. `axles`: postures; `frame`: points, global.
+// Axles with their wheels, and the frames as they are bent. `axles`: postures; `frame`: points of all frames from the
+// rear end on, global.
 function drawRobot(view, body, axles, frame) {
   const { g, scale } = view, { half_track: d, wheel_radius: r, wheel_width: w } = body;
   for (const [x, y, phi] of axles) {
@@ -141,9 +142,10 @@ function underInset(view, [x, y], point, by) {
   return u > x - by && u < x + size + by && v > y - by && v < y + size + by;
 }
 
-// The corner that hides the fewest of the points, and rather these than the robot.
+// The corner that hides the fewest of the points, and rather these than the robot, which is given by some points.
 function bestCorner(view, corners, points, robot) {
-  const hidden = (corner) => points.filter((point) => underInset(view, corner, point, 20)).length + (underInset(view, corner, robot, 40) ? 1e6 : 0);
+  const count = (corner, of, by) => of.filter((point) => underInset(view, corner, point, by)).length;
+  const hidden = (corner) => count(corner, points, 20) + 1e6 * count(corner, robot, 40);
   return corners.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
 }
 

@@ -470,12 +470,14 @@ impl<R: Robot, F: FnMut(&PathEpoch)> DriveTask<R> for Drive<'_, F> {
 impl<F> Drive<'_, F> {
     /// Adds the distances of the axles from the path, and the forces of the frames.
     fn add_axles(&mut self, record: &Record) {
-        let [x, y, _] = record.midpoint;
-        if x.is_nan() {
+        if record.midpoint[0].is_nan() {
             return;
         }
         let path = &self.route.path;
         if self.axles.is_empty() {
+            // The arc length is that of the point that drives on the path.
+            let first = record.axles.first().filter(|_| self.route.ahead_m > 0.0);
+            let [x, y, _] = first.map_or(record.midpoint, |first| first.posture);
             let (s, c) = libm::sincos(path.at(self.arc_lengths[0]).phi);
             let ahead = |[ax, ay, _]: [f64; 3]| c * (ax - x) + s * (ay - y);
             let place = |ahead: f64| (self.arc_lengths[0] + ahead).clamp(0.0, path.length());

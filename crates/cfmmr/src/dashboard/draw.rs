@@ -1,6 +1,7 @@
 //! Draws a [`View`]: equal views give equal characters.
 //!
-//! The picture needs 60 columns and 20 lines. A smaller terminal shows a note instead.
+//! The picture of two axles needs 60 columns and 20 lines; each further axle needs three lines more. A smaller terminal
+//! shows a note instead.
 
 use super::map;
 use super::view::View;
@@ -16,12 +17,18 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph};
 
-/// Smallest terminal: columns, lines.
-pub const MIN_SIZE: (u16, u16) = (60, 20);
+/// Smallest terminal for a robot of two axles: columns, lines.
+const MIN_SIZE: (u16, u16) = (60, 20);
 /// Width of the left column in the smallest terminal.
 const LEFT_WIDTH: u16 = 34;
-/// Smallest terminal with a map.
+/// Smallest terminal with a map, for a robot of two axles.
 const MIN_SIZE_WITH_MAP: (u16, u16) = (80, 24);
+/// Lines of a section of a robot of two axles.
+const SECTION: u16 = 6;
+/// Lines that a further axle adds to nodes and to links: its board and that of its frame.
+const BOARDS_PER_AXLE: u16 = 2;
+/// Lines that a further axle adds to the motion: the speeds of its wheels.
+const WHEELS_PER_AXLE: u16 = 1;
 /// Age of the latest heartbeat above which a node is shown as silent, s.
 const SILENT_S: f64 = 0.5;
 
@@ -30,13 +37,22 @@ const CAUTION: Style = Style::new().fg(Color::Yellow);
 const GOOD: Style = Style::new().fg(Color::Green);
 const DIM: Style = Style::new().add_modifier(Modifier::DIM);
 
+/// Number of axles beyond two.
+fn further(view: &View) -> u16 {
+    u16::try_from(view.axles.len())
+        .unwrap_or(u16::MAX)
+        .saturating_sub(2)
+}
+
 /// Draws the view over the whole terminal.
 pub fn draw(frame: &mut Frame, view: &View) {
     let area = frame.area();
-    if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
+    let added = (BOARDS_PER_AXLE + WHEELS_PER_AXLE) * further(view);
+    let needed = MIN_SIZE.1 + added;
+    if area.width < MIN_SIZE.0 || area.height < needed {
         let text = format!(
-            "The dashboard needs {} x {} characters; this terminal has {} x {}. q: end the run",
-            MIN_SIZE.0, MIN_SIZE.1, area.width, area.height
+            "The dashboard needs {} x {needed} characters; this terminal has {} x {}. q: end the run",
+            MIN_SIZE.0, area.width, area.height
         );
         let lines = wrapped(&text, area.width.into())
             .into_iter()
@@ -48,7 +64,7 @@ pub fn draw(frame: &mut Frame, view: &View) {
     let faults = u16::try_from(faults).unwrap_or(u16::MAX).max(4);
     // Faults have precedence over the map.
     match area.width >= MIN_SIZE_WITH_MAP.0
-        && area.height >= faults.saturating_add(MIN_SIZE_WITH_MAP.1 - 4)
+        && area.height >= faults.saturating_add(MIN_SIZE_WITH_MAP.1 - 4 + added)
     {
         true => draw_with_map(frame, view, faults),
         false => draw_without_map(frame, view),
@@ -58,8 +74,8 @@ pub fn draw(frame: &mut Frame, view: &View) {
 fn draw_without_map(frame: &mut Frame, view: &View) {
     let [head, upper, middle, faults, foot] = Layout::vertical([
         Constraint::Length(1),
-        Constraint::Length(6),
-        Constraint::Length(6),
+        Constraint::Length(SECTION + BOARDS_PER_AXLE * further(view)),
+        Constraint::Length(SECTION + WHEELS_PER_AXLE * further(view)),
         Constraint::Fill(1),
         Constraint::Length(1),
     ])
@@ -92,20 +108,18 @@ fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
         Constraint::Fill(1),
     ])
     .areas(body);
-    let heights = [
-        Constraint::Length(6),
-        Constraint::Length(6),
-        Constraint::Fill(1),
-    ];
+    let boards = Constraint::Length(SECTION + BOARDS_PER_AXLE * further(view));
+    let heights = [boards, Constraint::Length(SECTION), Constraint::Fill(1)];
     let [nodes, estimate, motion] = Layout::vertical(heights).areas(left);
     let heights = [
-        Constraint::Length(6),
+        boards,
         Constraint::Fill(1),
-        Constraint::Length(1),
+        Constraint::Length(1 + further(view)),
     ];
     let [links, map, gauges] = Layout::vertical(heights).areas(right);
     map::draw(frame, map, view);
-    frame.render_widget(Paragraph::new(strains(view, gauges.width)), gauges);
+    let strains: Vec<Line> = strains(view, gauges.width).map(Line::raw).collect();
+    frame.render_widget(Paragraph::new(strains), gauges);
     draw_rest(
         frame,
         view,
@@ -277,8 +291,15 @@ fn estimate_lines(view: &View) -> Vec<Line<'static>> {
 fn motion_lines(view: &View) -> Vec<Line<'static>> {
     let left = FinalError::of(view.record.midpoint, view.goal);
     let motion = &view.record.lead.motion;
+    // The longest name of two axles is `front`, of more axles `axle-2`; the lines have equal lengths.
+    let (name_width, left_width) = match further(view) {
+        0 => (5, 7),
+        _ => (6, 6),
+    };
     let wheels = |name: &str, [left, right]: [f64; 2]| {
-        Line::raw(format!("{name:<5}{left:>7.2}{right:>7.2} rad/s"))
+        Line::raw(format!(
+            "{name:<name_width$}{left:>left_width$.2}{right:>7.2} rad/s"
+        ))
     };
     let mut lines = vec![
         Line::raw(format!("speed {:>7.3} m/s", motion.v)),
@@ -297,20 +318,26 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
     lines
 }
 
-/// Strains of the gauges, as many as the width allows.
-fn strains(view: &View, width: u16) -> String {
-    let frames = view.record.frames.iter();
-    let known = frames
-        .flat_map(|frame| &frame.strain)
-        .filter(|strain| strain.is_finite() && **strain != 0.0);
-    let shown: String = known
-        .take((usize::from(width).saturating_sub(9)) / 6)
-        .map(|strain| format!("{:>6.0}", 1e6 * strain))
-        .collect();
-    match shown.is_empty() {
-        true => shown,
-        false => format!("strain µε{shown}"),
-    }
+/// Strains of each frame's gauges, as many as the width allows; a frame without readings gives an empty line.
+fn strains(view: &View, width: u16) -> impl Iterator<Item = String> {
+    let most = (usize::from(width).saturating_sub(9)) / 6;
+    let frames = view.frames.iter().zip(&view.record.frames);
+    frames.map(move |(name, frame)| {
+        let strains = frame.strain.iter();
+        let known = strains.filter(|strain| strain.is_finite() && **strain != 0.0);
+        let shown: String = known
+            .take(most)
+            .map(|strain| format!("{:>6.0}", 1e6 * strain))
+            .collect();
+        let name = match view.frames.len() {
+            1 => "strain",
+            _ => *name,
+        };
+        match shown.is_empty() {
+            true => shown,
+            false => format!("{name} µε{shown}"),
+        }
+    })
 }
 
 /// Faults of the run with remedies, oldest first, then degradations and notices; limited to `height` lines.
@@ -402,8 +429,9 @@ mod tests {
     use super::*;
     use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
-    use core_algos::topology::{AxleId, Node, Role, Topology};
-    use host_sim::run::robot::AxleRecord;
+    use core_algos::topology::{AxleId, MAX_AXLES, Node, Role, Topology};
+    use host_sim::run::recovery::Monitor;
+    use host_sim::run::robot::{AxleRecord, FrameRecord};
     use host_sim::targets::Traffic;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -444,6 +472,7 @@ mod tests {
             truth: [-1.0, 0.5, 0.1],
             goal: [0.0, 0.5, 0.0],
             axles: vec!["front", "rear"],
+            frames: vec!["beam"],
             boards: Role::PAIR
                 .map(|role| BoardTraffic {
                     name: Topology::PAIR.name(role),
@@ -545,6 +574,72 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// A view of the largest robot, before its first heartbeat.
+    fn chain() -> View {
+        let robot = Topology::new(MAX_AXLES).unwrap();
+        let mut view = View {
+            boards: robot
+                .boards()
+                .map(|role| BoardTraffic {
+                    name: robot.name(role),
+                    on: true,
+                    traffic: None,
+                })
+                .collect(),
+            ..View::before(&Monitor::new(robot))
+        };
+        view.record.axles = (0..5)
+            .map(|k| AxleRecord {
+                posture: [-0.4 * f64::from(k), 0.0, 0.0],
+                wheel_speed: [f64::from(k) + 0.25, f64::from(k) + 0.75],
+                ..AxleRecord::default()
+            })
+            .collect();
+        view.record.frames = (0..4)
+            .map(|k| FrameRecord {
+                strain: [1e-6 * (k as f32 + 10.0); 8],
+                ..FrameRecord::default()
+            })
+            .collect();
+        view
+    }
+
+    #[test]
+    fn every_board_axle_and_frame_of_five_axles_is_shown() {
+        for (width, height) in [(60, 29), (80, 33), (132, 50)] {
+            let lines = picture(&chain(), (width, height));
+            let all = lines.join("\n");
+            for part in [
+                "Lead no heartbeat",
+                "FrontAxle no heartbeat",
+                "Axle4 no heartbeat",
+                "Beam4 no heartbeat",
+                "axle-3 without a port",
+                "beam-4 without a port",
+                "bus 0 0",
+                "front 0.25 0.75 rad/s",
+                "axle-4 3.25 3.75 rad/s",
+                "rear 4.25 4.75 rad/s",
+                "none",
+                "q: end the run",
+            ] {
+                let there = lines
+                    .iter()
+                    .any(|line| words(std::slice::from_ref(line)).contains(part));
+                assert!(there, "{width}: no {part:?} in\n{all}");
+            }
+            for (frame, strain) in [("beam-1", "10"), ("beam-4", "13")] {
+                let there = words(&lines).contains(&format!("{frame} µε {strain}"));
+                assert_eq!(there, width >= 80, "{all}");
+            }
+        }
+        let text = words(&picture(&chain(), (60, 28)));
+        assert!(
+            text.contains("60 x 29") && text.contains("60 x 28"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -35,6 +35,8 @@ pub struct View {
     pub nodes: Vec<NodeView>,
     /// Names of the axles, front first.
     pub axles: Vec<&'static str>,
+    /// Names of the frames' boards, front first.
+    pub frames: Vec<&'static str>,
     /// First heartbeat of each node with each stop or cut; the first heartbeat of the list names the cause.
     pub faults: Vec<Status>,
     /// Links to the boards.
@@ -81,6 +83,7 @@ impl View {
     pub fn before(monitor: &Monitor) -> Self {
         let topology = monitor.topology;
         let axle = |axle| topology.name(Role::Axle(axle));
+        let frame = |frame| topology.name(Role::Beam(frame));
         let node = |node| NodeView {
             name: topology.node_name(node),
             latest: monitor.latest(node).copied(),
@@ -89,6 +92,7 @@ impl View {
         Self {
             nodes: topology.nodes().map(node).collect(),
             axles: topology.axles().map(axle).collect(),
+            frames: topology.frames().map(frame).collect(),
             ..Self::default()
         }
     }

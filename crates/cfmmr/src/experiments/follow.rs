@@ -13,11 +13,13 @@ use host_sim::run::path_run::{AxleErrors, Deviation, Errors, Outcome, PathEpoch,
 use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Taken;
+use host_sim::world::body::Body;
 use output::files::{Csv, OutputDir};
 use output::table::Table;
 use recording::csv;
 use serde::Serialize;
 use std::path::Path as FilePath;
+use view::animation;
 use view::figures;
 use view::figures::{FollowErrors, FollowRun, Snapshot};
 use view::page;
@@ -244,9 +246,16 @@ pub fn publish(
     let shape = shape.map_or(course.name.clone(), |stem| {
         stem.to_string_lossy().into_owned()
     });
-    let heading = format!("{title}: {shape}, {}", variant.label());
+    let axles = scenario.robot.topology().axle_count();
+    let robot = match axles {
+        2 => String::new(),
+        _ => format!("{axles} axles, "),
+    };
+    let heading = format!("{title}: {shape}, {robot}{}", variant.label());
     let figure = figures::follow(&heading, &context.body(), &run);
     figure.add(&mut files, name);
+    let animation = animated(&context.body(), &heading, &report, &records, &run);
+    files.text("drive.svg", animation);
     files.csv("errors.csv", errors(moments));
     files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));
@@ -292,10 +301,7 @@ fn followed(
             .iter()
             .map(|at| [at.x, at.y])
             .collect(),
-        driven: moments
-            .iter()
-            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
-            .collect(),
+        driven: driven(records),
         snapshots: snapshots(records),
         distance_label: match path_mode {
             PathMode::Follow => "distance to the left of the path",
@@ -304,6 +310,48 @@ fn followed(
         truth: over_time(moments, path_mode, |moment| &moment.truth),
         estimate: over_time(moments, path_mode, |moment| &moment.estimate),
     }
+}
+
+/// Path of the midpoint; of three and more axles the paths of the axles, because their midpoint cuts curves.
+fn driven(records: &[Record]) -> Vec<Vec<[f64; 2]>> {
+    let track = |place: &dyn Fn(&Record) -> [f64; 3]| {
+        let at = records.iter().map(place);
+        at.map(|[x, y, _]| [x, y]).collect()
+    };
+    match records.first().map_or(0, |record| record.axles.len()) {
+        0..=2 => vec![track(&|record| record.midpoint)],
+        axles => (0..axles)
+            .map(|axle| track(&|record| record.axles[axle].posture))
+            .collect(),
+    }
+}
+
+/// The run as an animated picture. Draws the estimate if the true posture is unknown.
+fn animated(
+    body: &Body,
+    heading: &str,
+    report: &FollowReport,
+    records: &[Record],
+    run: &FollowRun,
+) -> String {
+    let shown: Vec<Record> = records.iter().map(Record::with_estimate).collect();
+    let errors = match report.truth.rms_m.is_finite() {
+        true => report.truth,
+        false => report.estimate,
+    };
+    let worst = report.chain.iter().flat_map(|chain| &chain.axles);
+    let worst = worst.map(|axle| axle.rms_m).reduce(f64::max);
+    let result = match worst {
+        Some(rms_m) => format!("worst axle: rms {:.0} mm from the path", 1e3 * rms_m),
+        None => format!("rms {:.0} mm from the path", 1e3 * errors.rms_m),
+    };
+    let run = animation::Run {
+        title: heading.to_owned(),
+        result,
+        records: &shown,
+        target: animation::Target::Path(run.reference.clone()),
+    };
+    animation::svg(body, &[run])
 }
 
 /// Names and values in the summary of the report page.

@@ -73,7 +73,7 @@ fn starts(count: u32) -> Vec<StartMark> {
 fn every_figure_is_complete_and_fits_the_page() {
     let run = FollowRun {
         reference: vec![[0.0, 0.0], [2.0, 0.0]],
-        driven: vec![[0.0, 0.1], [1.0, 0.01], [2.0, 0.0]],
+        driven: vec![vec![[0.0, 0.1], [1.0, 0.01], [2.0, 0.0]]],
         snapshots: panel("", 0.0).snapshots,
         distance_label: "distance to the left",
         truth: FollowErrors {

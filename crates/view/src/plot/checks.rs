@@ -41,7 +41,8 @@ pub fn check_svg(svg: &str) {
         }
     }
     assert!(open.is_empty(), "{open:?} never closed");
-    assert!(svg.starts_with("<svg ") && svg.contains("viewBox=\"0 0 800 "));
+    let widths = ["800", "500"].map(|width| format!("viewBox=\"0 0 {width} "));
+    assert!(svg.starts_with("<svg ") && widths.iter().any(|width| svg.contains(width)));
     assert!(!svg.contains("NaN") && !svg.contains("inf"));
 }
 

@@ -103,8 +103,7 @@ impl<'a> Picture<'a> {
                 outcome.end.kind.name()
             ),
             records,
-            goal: self.goal(),
-            tolerance_m: self.scenario.mission.tolerance_m,
+            target: animation::Target::Goal(self.goal(), self.scenario.mission.tolerance_m),
         }
     }
 
