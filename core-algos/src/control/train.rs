@@ -449,7 +449,7 @@ impl Train {
         match task {
             Task::Stop => Demand::stop(state.direction),
             Task::Regulate { goal, within } => self.regulate(state, center, *goal, within),
-            Task::Follow { path, .. } => self.on_route(state, *path, self.config.speed_m_s),
+            Task::Follow { path, .. } => self.on_route(state, *path, self.config.path_speed_m_s),
             Task::Track {
                 trajectory, time_s, ..
             } => {

@@ -105,6 +105,17 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.lead.course":
         |_, used| matches!(used, Use::Regulate | Use::Virtual) =>
             "without a path; vary robot.lead.regulator";
+    "robot.lead.train":
+        |scenario, used| scenario.robot.topology().frame_count() == 1 || used == Use::Replay =>
+            "with two axles, nor in a replay; vary robot.lead.regulator or robot.lead.governor";
+    "robot.lead.regulator robot.lead.cascade robot.lead.course.law \
+     robot.lead.course.rest_speed_m_s robot.lead.governor.max_acceleration_m_s2 \
+     robot.lead.governor.stop_deceleration_m_s2 \
+     robot.lead.governor.max_steering_acceleration_rad_s2 robot.lead.governor.speed_rate_per_s \
+     robot.lead.governor.steering_frequency_rad_s robot.lead.governor.steering_tolerance_rad \
+     robot.lead.governor.reversal_hold_s robot.lead.governor.max_wheel_speed_m_s":
+        |scenario, _| scenario.robot.topology().frame_count() > 1 =>
+            "with more than two axles; vary robot.lead.train";
     "robot.beam.segments":
         |scenario, _| scenario.robot.beam.method != Method::Piecewise =>
             "unless robot.beam.method = \"piecewise\"";

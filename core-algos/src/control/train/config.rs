@@ -30,7 +30,7 @@ declare! {
         /// Candidates that the planner evaluates in an epoch.
         // A candidate takes 10 µs on a board, and with five axles four ticks of an epoch are left for them.
         pub planner_budget: u32 = 150, "": Positive;
-        /// Speed of regulation, paths and trajectories.
+        /// Speed of regulation.
         pub speed_m_s: f32 = 0.2, "m/s": Positive;
         /// Largest acceleration, and deceleration ahead of stops.
         pub acceleration_m_s2: f32 = 0.4, "m/s²": Range(0.01, 5.0);
@@ -70,6 +70,8 @@ declare! {
             pub rigid_end_m: f32 = 0.0, "m": NonNegative;
             /// Curvature at the largest commanded steering angle.
             pub max_curvature_per_m: f32 = 3.0, "1/m": Positive;
+            /// Speed along paths.
+            pub path_speed_m_s: f32 = 0.2, "m/s": Positive;
             /// Largest speed of the leading axle.
             pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
             /// Half of the track of an axle (d).

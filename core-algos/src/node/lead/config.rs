@@ -137,6 +137,7 @@ impl Config {
             frame_length_m: self.cascade.frame_length_m,
             rigid_end_m: self.cascade.rigid_end_m,
             max_curvature_per_m: cascade.max_curvature(),
+            path_speed_m_s: self.course.path.max_speed_m_s,
             max_speed_m_s: self.governor.max_speed_m_s,
             half_track_m: self.governor.half_track_m,
             ..self.train
