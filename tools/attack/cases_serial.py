@@ -9,7 +9,7 @@ import tty
 
 from bench import CODE, Case, Kind
 
-PROTOCOL = 13
+PROTOCOL = 14
 HELLO, REFUSED, REPORT, LAST_REPLY = 0, 5, 10, 13
 
 

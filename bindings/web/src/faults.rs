@@ -38,6 +38,7 @@ pub fn of(robot: Topology) -> Vec<Entry> {
 }
 
 /// Faults of front, rear, first frame and bus.
+#[expect(clippy::too_many_lines, reason = "one list of faults")]
 fn ends(robot: Topology) -> Vec<Entry> {
     let rear = robot.axle_count() - 1;
     let rear_board = Role::Axle(AxleId(rear as u8));

@@ -117,6 +117,7 @@ impl Run<'_> {
         (0..count).step_by(stride).chain(last)
     }
 
+    #[expect(clippy::too_many_lines, reason = "one list of plots")]
     fn plots(&self, shown: &[usize]) -> Vec<Plot> {
         let column = |name: &str, look: &str, value: &dyn Fn(usize) -> f64| Series {
             name: name.to_owned(),

@@ -230,7 +230,7 @@ fn covariance_of_o_is_the_mean_over_the_pairs() {
 #[test]
 fn chain_drives_forward_and_back_on_command() {
     let mut world = World::new(3, Task::Idle);
-    let mut drive = |world: &mut World, speed_m_s: f32, curvature: f32, epochs: usize| {
+    let drive = |world: &mut World, speed_m_s: f32, curvature: f32, epochs: usize| {
         let mut last = Output::default();
         for _ in 0..epochs {
             world.node.command(Task::Drive {
