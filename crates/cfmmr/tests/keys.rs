@@ -73,6 +73,7 @@ posture | rear board lost |
 /// Keys with an effect in a special situation only, or with an effect that a search over all situations finds late.
 const PROBES: &str = "
 world=ideal | posture ||
+bus.transmission=on | posture || bus.latency_ms=0
 robot.axle.limits.stall_share=0.4 | posture || plant.rolling_resistance=0.5
 robot.axle.rest_settle_s=6 | posture || mission.rest_s=60 robot.lead.hold_s=6 sensors.gyro.fitted=true
 robot.lead.hold_s=6 | posture || mission.rest_s=60

@@ -115,8 +115,8 @@ pub struct BoardReport {
     pub can: Can,
 }
 
-/// Limit of a tick, µs; a fifth of the millisecond is reserve. The longest ticks plan a path.
-const TICK_LIMIT_US: u64 = 800;
+/// Limit of a tick, µs; 15 % of the millisecond are reserve. The longest ticks plan a path.
+const TICK_LIMIT_US: u64 = 850;
 
 impl BoardReport {
     /// First problem of the board; `None` without one. Error frames do not count after a power cut (`cut`), which may
