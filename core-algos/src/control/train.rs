@@ -23,7 +23,7 @@
 //!
 //! # Start
 //!
-//! A state without a curve builds it through the estimated axles ([`rebuild`]); what is left between an axle and its
+//! A state without a curve builds it through the estimated axles (module `rebuild`); what is left between an axle and its
 //! place fades with the distance driven.
 //!
 //! # Behaviour at limits
