@@ -9,7 +9,7 @@ command -v readelf >/dev/null || {
   exit 1
 }
 
-echo "| image | flash, KiB of 1024 | variables, KiB of 64 |"
+echo "| image | flash, KiB of 1024 | variables, KiB of 80 |"
 echo "|---|---|---|"
 for board in axle beam; do
   cargo build --quiet --locked --profile image --package firmware-$board --target $target
