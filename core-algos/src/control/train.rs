@@ -171,7 +171,7 @@ pub struct Step {
     pub lost: bool,
 }
 
-/// What the train keeps from one epoch to the next.
+/// State of the train between two epochs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     curve: Curve,

@@ -145,7 +145,7 @@ pub enum Request<'a> {
     /// Restarts the nodes of a driving board, so that its reports hold all inputs of a replay, see [`super::record`].
     /// The motors must be off. The front board requires the lease.
     Record(Stamp),
-    /// Bus frames of the next tick of an axle board that its request does not hold; they precede those of the request.
+    /// Bus frames for the next tick of an axle board that do not fit the tick's request. The nodes receive them first.
     Frames {
         /// Time of the next tick, ms.
         tick: u32,

@@ -391,7 +391,7 @@ impl<N: SessionNodes> Session<N> {
         }
     }
 
-    /// Takes frames that precede those of the request of the next tick.
+    /// Hands the nodes bus frames for the next tick; the tick's request brings the other frames.
     fn receive_ahead<'a>(&mut self, tick: u32, received: &[u8]) -> Result<Reply<'a>, Refusal<'a>> {
         self.receive(false, tick, received)?;
         Ok(Reply::Done)

@@ -19,10 +19,10 @@ const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 const SAME_PLACE_M: f32 = 0.01;
 /// Factor by which each attempt widens the accepted errors.
 const WIDENING: f32 = 1.6;
-/// Share of the task's tolerance that the curve may miss at the begin of the run-out.
+/// Share of the task's tolerance that the curve may miss at the beginning of the run-out.
 const RUN_OUT_SHARE: f32 = 0.5;
 
-/// What the regulation keeps from one epoch to the next.
+/// State of the regulation between two epochs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulation {
     pub(super) phase: Phase,
