@@ -61,13 +61,18 @@ pub const fn epoch_start(now: Micros, number: u8) -> Micros {
     epoch.saturating_sub(back) * EPOCH
 }
 
-/// True if `now` is the beginning of an epoch.
-pub const fn is_epoch_start(now: Micros) -> bool {
+/// Time since the beginning of the epoch that `now` lies in.
+pub const fn since_epoch_start(now: Micros) -> Micros {
     // In 32-bit words: a Cortex-M4F has no 64-bit division.
     const EPOCH_WORD: u32 = EPOCH as u32;
     const CARRY: u32 = ((1u64 << 32) % EPOCH) as u32;
     let (high, low) = ((now >> 32) as u32, now as u32);
-    (high % EPOCH_WORD * CARRY + low % EPOCH_WORD).is_multiple_of(EPOCH_WORD)
+    ((high % EPOCH_WORD * CARRY + low % EPOCH_WORD) % EPOCH_WORD) as Micros
+}
+
+/// True if `now` is the beginning of an epoch.
+pub const fn is_epoch_start(now: Micros) -> bool {
+    since_epoch_start(now) == 0
 }
 
 /// Microseconds as seconds; meant for short spans.
@@ -89,7 +94,7 @@ mod tests {
         for epoch in [0u64, 1, 429_496, 429_497, 858_993_459, u64::MAX / EPOCH] {
             for offset in [0, 1, EPOCH - 1, 5_000] {
                 let now = (epoch * EPOCH).saturating_add(offset);
-                assert_eq!(is_epoch_start(now), now % EPOCH == 0, "{now}");
+                assert_eq!(since_epoch_start(now), now % EPOCH, "{now}");
             }
         }
     }

@@ -742,6 +742,10 @@ fn robot_whose_frames_straightened_drives_from_where_it_is() {
         let goal = Posture::ORIGIN;
         let within = Tolerance::default();
         let axles_at = bench.postures();
+        // The curve is built in one epoch and one more a frame.
+        for _ in 0..axles {
+            bench.epoch(Task::Regulate { goal, within });
+        }
         let step = bench.epoch(Task::Regulate { goal, within });
         let place = |i: usize| bench.state.curve().at(bench.state.places()[i]).knot.posture;
         for (i, axle) in axles_at.iter().enumerate().take(axles) {
@@ -754,7 +758,7 @@ fn robot_whose_frames_straightened_drives_from_where_it_is() {
         }
         let (e, turn) = bench.error(goal);
         assert!(e < 5e-3 && turn < 0.01, "{e} {turn}");
-        assert!(bench.jump < 1.5e-4, "{}", bench.jump);
+        assert!(bench.jump < 3e-4, "{}", bench.jump);
         println!("{axles}: force {:.2} N, jump {}", bench.force.2, bench.jump);
         assert!(bench.force.2 < 10.0, "{}", bench.force.2);
     }

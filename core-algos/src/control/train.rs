@@ -23,8 +23,7 @@
 //!
 //! # Start
 //!
-//! A state without a curve builds it through the estimated axles (module `rebuild`); what is left between an axle and its
-//! place fades with the distance driven.
+//! A state without a curve builds it through the estimated axles (module `rebuild`), a frame an epoch, while the robot stands; what is left between an axle and its place fades with the distance driven.
 //!
 //! # Behaviour at limits
 //!
@@ -70,6 +69,7 @@ use crate::topology::MAX_AXLES;
 use curve::Curve;
 use leader::{Desired, Leader};
 use planner::Planner;
+use rebuild::{Measures, Rebuild};
 use regulation::Regulation;
 use spacing::Link;
 use speed::{Limits, Motion};
@@ -189,6 +189,8 @@ pub struct State {
     stuck: Stuck,
     resting: bool,
     lost: bool,
+    /// Work on the curve, until it passes all axles.
+    rebuild: Option<Rebuild>,
 }
 
 impl Default for State {
@@ -211,11 +213,15 @@ impl State {
         stuck: Stuck::NEW,
         resting: false,
         lost: false,
+        rebuild: None,
     };
 
     /// Discards the curve: the next step builds it through the axles, at rest. To be called while the motors are off.
     pub fn forget_curve(&mut self) {
-        *self = Self::NEW;
+        // Each step builds the curve first; so without a curve the state is new already.
+        if !self.curve.is_empty() {
+            *self = Self::NEW;
+        }
     }
 
     /// Begins a new task of the same kind or another; the motion continues.
@@ -332,10 +338,15 @@ impl Train {
                 [a, b] => (0.5 * straight..=LONGEST * straight).contains(&a.distance(*b)),
                 _ => false,
             });
-            if !(sound && joined) {
-                return self.conclude(state, own, 0.0, false);
+            if sound && joined {
+                *state = State::NEW;
+                state.rebuild = Some(Rebuild::new(&mut state.curve, own, self.measures()));
             }
-            self.rebuild(state, own);
+            return self.conclude(state, own, 0.0, false);
+        }
+        if state.rebuild.is_some() {
+            self.rebuild(state);
+            return self.conclude(state, own, 0.0, false);
         }
         let center = midpoint(own);
         let mut demand = Demand::stop(state.direction);
@@ -361,8 +372,7 @@ impl Train {
         let wanted = self.by_wheels(state, wanted);
         let driven = self.limits.step(&mut state.motion, wanted, demand.distance);
         state.driven += driven;
-        let leader = state.leader(self) + state.direction.sign() * driven;
-        state.places = self.places(&state.curve, state.direction, leader);
+        state.places = self.places(state, driven);
 
         let still = state.stuck.step(moving, center, EPOCH_S);
         self.finish(state, center, &demand, &task, still);
@@ -381,16 +391,27 @@ impl Train {
         Step { lost, ..step }
     }
 
-    /// Builds the curve through the axles and stores what is left between them and their places.
-    fn rebuild(&self, state: &mut State, axles: &[Posture]) {
-        *state = State::NEW;
-        state.places = {
-            let knots = (self.pitch, self.leader.slope);
-            rebuild::rebuild(&mut state.curve, axles, self.link, knots)
+    fn measures(&self) -> Measures {
+        Measures {
+            link: self.link,
+            pitch: self.pitch,
+            slope: self.leader.slope,
+        }
+    }
+
+    /// Leads a new curve along the next frame. Behind the last frame, stores what is left between the axles and their
+    /// places.
+    fn rebuild(&self, state: &mut State) {
+        let Some(work) = &mut state.rebuild else {
+            return;
         };
-        let leader = state.leader(self);
-        state.places = self.places(&state.curve, state.direction, leader);
-        for (i, axle) in axles.iter().enumerate() {
+        let Some(places) = work.step(&mut state.curve, self.measures()) else {
+            return;
+        };
+        let axles = *work.axles();
+        (state.places, state.rebuild) = (places, None);
+        state.places = self.places(state, 0.0);
+        for (i, axle) in axles.iter().enumerate().take(self.axles) {
             let at = state.curve.at(state.place(i)).knot.posture;
             if let Some(offset) = state.offsets.get_mut(i) {
                 *offset = axle.relative_to(at);
@@ -398,20 +419,22 @@ impl Train {
         }
     }
 
-    /// Places of the axles with the leader at `leader` (m).
-    fn places(&self, curve: &Curve, direction: Direction, leader: f32) -> [f32; MAX_AXLES] {
-        let mut places = [leader; MAX_AXLES];
-        let mut s = leader;
-        match direction {
+    /// Places of the axles with the leader advanced by `driven` (m).
+    fn places(&self, state: &State, driven: f32) -> [f32; MAX_AXLES] {
+        let step = state.direction.sign() * driven;
+        let mut places = state.places.map(|place| place + step);
+        let own = places.get_mut(..self.axles).unwrap_or_default();
+        let mut s = state.leader(self) + step;
+        match state.direction {
             Direction::Forward => {
-                for place in places.iter_mut().take(self.axles).skip(1) {
-                    s = self.link.behind(curve, s);
+                for place in own.iter_mut().skip(1) {
+                    s = self.link.behind(&state.curve, s, *place);
                     *place = s;
                 }
             }
             Direction::Reverse => {
-                for place in places.iter_mut().take(self.axles.saturating_sub(1)).rev() {
-                    s = self.link.ahead(curve, s);
+                for place in own.iter_mut().rev().skip(1) {
+                    s = self.link.ahead(&state.curve, s, *place);
                     *place = s;
                 }
             }
@@ -646,14 +669,14 @@ impl Train {
         let (v, v_rate) = (sign * state.motion.v, sign * state.motion.rate);
         let leader = state.leader(self);
         let kappa = state.curve.kappa(leader);
-        if state.curve.is_empty() {
+        if state.curve.is_empty() || state.rebuild.is_some() {
             for (reference, axle) in references.iter_mut().zip(axles) {
                 if axle.is_finite() {
                     reference.posture = *axle;
                 }
             }
         } else {
-            let next = self.places(&state.curve, state.direction, leader + sign * self.pitch);
+            let next = self.places(state, self.pitch);
             for (i, reference) in references.iter_mut().enumerate().take(self.axles) {
                 let place = state.place(i);
                 let sample = state.curve.at(place);

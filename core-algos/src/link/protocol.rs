@@ -14,7 +14,7 @@ use crate::node::lead::{self, LeadNode};
 use crate::node::outbox;
 use crate::node::{axle, beam};
 use crate::params::Source;
-use crate::time::{EPOCH, Micros, TICK};
+use crate::time::{EPOCH, Micros, TICK, since_epoch_start};
 use crate::topology::{Role, Wheels};
 use serde::{Deserialize, Serialize};
 
@@ -408,7 +408,7 @@ impl Spread {
     /// Number of bytes of a part that are sent at `now`, so that the rest of the output is sent before the epoch ends:
     /// [`TELEMETRY_CHUNK`] if that suffices.
     pub fn chunk(&self, now: Micros) -> usize {
-        let ticks = (EPOCH - now % EPOCH) / TICK;
+        let ticks = (EPOCH - since_epoch_start(now)) / TICK;
         TELEMETRY_CHUNK.max(self.left().div_ceil(ticks as usize))
     }
 

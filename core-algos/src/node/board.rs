@@ -39,7 +39,7 @@ use super::lead::{self, LeadNode, Own};
 use super::robot::RobotConfig;
 use crate::bus::Message;
 use crate::config::ConfigError;
-use crate::time::{EPOCH, Micros, is_epoch_start};
+use crate::time::{Micros, since_epoch_start};
 use crate::topology::{Role, Wheels};
 
 /// Readings of a board's sensors at a tick.
@@ -213,12 +213,12 @@ impl Board {
                 lead: Some(lead),
             } => {
                 let mut output = step_axle(axle, now, samples, outbox);
-                let (phase, work) = (now % EPOCH, lead.phases());
+                let (phase, work) = (since_epoch_start(now), lead.phases());
                 if phase == *work.end() {
                     output.lead = Some(lead.step_with(now, outbox, own));
                 } else if work.contains(&phase) {
                     lead.fuse_ahead(now, own);
-                } else if !is_epoch_start(now) {
+                } else if phase != 0 {
                     lead.prepare();
                 }
                 output
@@ -252,7 +252,7 @@ fn step_axle(axle: &mut AxleNode, now: Micros, samples: &Samples, outbox: &mut O
 mod tests {
     use super::*;
     use crate::beam::MAX_GAUGES;
-    use crate::time::TICK;
+    use crate::time::{EPOCH, TICK, is_epoch_start};
     use crate::topology::{AxleId, MAX_AXLES, Topology};
 
     #[test]

@@ -366,8 +366,11 @@ impl LeadNode {
                 return;
             }
         }
-        // All ticks of an epoch plan ahead, except those of the reports, of the step and of the fusion.
-        let ticks = ((EPOCH / TICK) as u32 - 2).saturating_sub(self.frame_count() as u32);
+        // All ticks of an epoch plan ahead, except that of the reports, those of fusion and step, and one for the
+        // conditioning of a covariance.
+        let work = self.phases();
+        let taken = 3 + (work.end() - work.start()) / TICK;
+        let ticks = (EPOCH / TICK).saturating_sub(taken) as u32;
         if let Some(train) = &self.with.train {
             return train.plan_ahead(&mut self.train, ticks);
         }
@@ -400,11 +403,11 @@ impl LeadNode {
         }
         let supervision = self.supervise(now, fused.as_ref(), outbox);
         let driving = matches!(supervision.permit, Permit::Hold | Permit::Drive);
-        let Some(fused) = fused.filter(|_| driving) else {
-            return self.idle(now, fused, supervision, outbox);
+        let Some(fused) = fused.as_ref().filter(|_| driving) else {
+            return self.idle(now, fused.as_ref(), supervision, outbox);
         };
         if let Some(train) = self.with.train {
-            return self.step_train(now, &train, &fused, supervision, outbox);
+            return self.step_train(now, &train, fused, supervision, outbox);
         }
         let center = Transform::from(fused.robot().posture);
         let driven = self.state.odom.unwrap_or(center.posture);
@@ -436,11 +439,11 @@ impl LeadNode {
         };
         self.state.aim = aim;
         let references = self.with.cascade.references(center, &motion);
-        self.send_references(now, decision.mode, &references, &fused, outbox);
+        self.send_references(now, decision.mode, &references, fused, outbox);
         Output {
             supervision,
             mode: decision.mode,
-            fused: fused.output(),
+            fused: fused.estimates,
             motion,
             phase: decision.phase,
             target: decision.target,

@@ -13,7 +13,7 @@ use core_algos::node::tick_sync::TickStep;
 use core_algos::node::{Outbox, axle, lead};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{EPOCH, Micros};
+use core_algos::time::{Micros, since_epoch_start};
 use core_algos::topology::Wheels;
 use firmware_common::can::Arrived;
 use firmware_common::fault;
@@ -220,7 +220,7 @@ impl AxleTick {
         button.step(now, nodes, &mut common.link);
         // Orders are executed one tick before the lead node's work, in a tick with little other work.
         if let Some(lead) = nodes.lead()
-            && now % EPOCH == lead::order_phase(lead.topology())
+            && since_epoch_start(now) == lead::order_phase(lead.topology())
         {
             common.link.execute_orders(lead);
         }

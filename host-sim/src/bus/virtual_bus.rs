@@ -2,6 +2,7 @@
 
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
+use core_algos::node::lead;
 use core_algos::time::{LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{MAX_AXLES, MAX_BOARDS, Role, Topology};
 use rand::{RngExt, SeedableRng};
@@ -283,7 +284,7 @@ impl VirtualBus {
                 mut transit,
             } = frame;
             self.statistics.busy_us += transfer_us(&transit.frame);
-            let begin = LEAD_PHASE + TICK * self.topology.axle_count().saturating_sub(3) as Micros;
+            let begin = lead::begin_phase(self.topology);
             let is_report = matches!(
                 transit.message,
                 Message::AxlePosture { .. }

@@ -194,6 +194,8 @@ impl Curve {
     }
 
     /// The knot at or before `s` and the distance (m) from there; and the slope of curvature.
+    // Inlined: the heading needs a part of it, and is asked for most often.
+    #[inline(always)]
     fn cell(&self, s: f32) -> (Knot, f32, f32) {
         let last = self.count.saturating_sub(1);
         let place = s / self.pitch;

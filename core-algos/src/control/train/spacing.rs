@@ -13,14 +13,17 @@
 //! α, β of the axles, the rigid ends tilt the chord of the flexible part by m = −a (α + β)/L, and
 //! ∫φ_frame² = a (α² + β²) + L (m² + (2α'² − α'β' + 2β'²)/15) with α' = α − m, β' = β − m.
 //!
+//! The direction of the chord is the mean heading less a sixth of the mean cube of the slopes against it, to fifth order.
+//! So only headings of the curve are needed, which cost no sine.
+//!
 //! The formula is symmetric, so places computed from either end of the robot agree.
 //!
 //! # Panic contract
 //!
-//! Nothing can fail. Cost of one evaluation: about 250 floating-point operations.
+//! Nothing can fail. Cost of one evaluation: about 120 floating-point operations.
 
 use super::curve::Curve;
-use crate::math::trig::{atan2, wrap_angle};
+use crate::math::trig::wrap_angle;
 
 /// Five Gauss points on [0, 1] and their weights.
 const POINTS: [(f32, f32); 5] = [
@@ -31,7 +34,7 @@ const POINTS: [(f32, f32); 5] = [
     (0.953_089_9, 0.118_463_44),
 ];
 /// Iterations of the fixed point; each lowers the error to the share ½ φ².
-const ITERATIONS: usize = 3;
+const ITERATIONS: usize = 2;
 
 /// Lengths of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,30 +62,35 @@ impl Link {
 
     /// Length of the curve (m) that the frame needs, if its axles are at `rear` and `front` (m).
     fn needed(&self, curve: &Curve, rear: f32, front: f32) -> f32 {
-        let [root, tip] = [rear, front].map(|s| curve.at(s).knot.posture);
-        let chord = atan2(tip.y - root.y, tip.x - root.x);
-        let slope = |heading: f32| wrap_angle(heading - chord);
         let length = front - rear;
-        let mut square = 0.0;
-        for (point, weight) in POINTS {
-            let phi = slope(curve.heading(rear + point * length));
-            square += weight * phi * phi;
+        let root = curve.heading(rear);
+        let turn = |s: f32| wrap_angle(curve.heading(s) - root);
+        let turns = POINTS.map(|(point, weight)| (turn(rear + point * length), weight));
+        let mean: f32 = turns.iter().map(|(turn, weight)| weight * turn).sum();
+        let (mut square, mut cube) = (0.0, 0.0);
+        for (turn, weight) in turns {
+            let slope = turn - mean;
+            square += weight * slope * slope;
+            cube += weight * slope * slope * slope;
         }
-        self.straight() + 0.5 * (length * square - self.bow(slope(root.phi), slope(tip.phi)))
+        let off = cube * (1.0 / 6.0);
+        let chord = mean - off;
+        let curve_bow = length * (square + off * off);
+        self.straight() + 0.5 * (curve_bow - self.bow(-chord, turn(front) - chord))
     }
 
-    /// Place (m) of the axle behind the axle at `front` (m).
-    pub fn behind(&self, curve: &Curve, front: f32) -> f32 {
-        let mut length = self.straight();
+    /// Place (m) of the axle behind the axle at `front` (m); `near` is a place nearby.
+    pub fn behind(&self, curve: &Curve, front: f32, near: f32) -> f32 {
+        let mut length = front - near;
         for _ in 0..ITERATIONS {
             length = self.needed(curve, front - length, front);
         }
         front - length
     }
 
-    /// Place (m) of the axle ahead of the axle at `rear` (m).
-    pub fn ahead(&self, curve: &Curve, rear: f32) -> f32 {
-        let mut length = self.straight();
+    /// Place (m) of the axle ahead of the axle at `rear` (m); `near` is a place nearby.
+    pub fn ahead(&self, curve: &Curve, rear: f32, near: f32) -> f32 {
+        let mut length = near - rear;
         for _ in 0..ITERATIONS {
             length = self.needed(curve, rear, rear + length);
         }
@@ -119,7 +127,7 @@ mod tests {
     fn frame_on_a_circle_takes_its_own_length() {
         for kappa in [-2.5f32, -1.0, 0.0, 0.3, 2.3] {
             let curve = curve(|_| kappa);
-            let length = 1.5 - LINK.behind(&curve, 1.5);
+            let length = 1.5 - LINK.behind(&curve, 1.5, 1.13);
             assert!((length - 0.37).abs() < 1e-4, "{kappa}: {length}");
         }
     }
@@ -131,7 +139,7 @@ mod tests {
         for (amplitude, phase) in [(2.0f32, 0.0f32), (2.0, 0.8), (2.5, 1.6), (2.5, 2.4)] {
             let curve = curve(|s| amplitude * (3.0 * s + phase).sin());
             let front = 1.3;
-            let rear = LINK.behind(&curve, front);
+            let rear = LINK.behind(&curve, front, front - 0.37);
             let p = curve.at(front).knot.posture;
             let q = curve.at(rear).knot.posture;
             let (dx, dy) = (f64::from(p.x - q.x), f64::from(p.y - q.y));
@@ -163,7 +171,8 @@ mod tests {
         ] {
             let curve = curve(|s| 2.3 * (4.0 * s).sin());
             for front in [0.9f32, 1.2, 1.45] {
-                let back = link.ahead(&curve, link.behind(&curve, front));
+                let near = front - link.straight();
+                let back = link.ahead(&curve, link.behind(&curve, front, near), front);
                 assert!((back - front).abs() < 2e-6, "{front}: {back}");
             }
         }

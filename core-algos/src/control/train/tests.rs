@@ -161,11 +161,16 @@ fn robot_far_from_its_path_is_lost() {
         })
         .unwrap();
     }
-    let task = Order::Follow {
-        path: &mut path,
-        within: Tolerance::default(),
+    let mut step = || {
+        let task = Order::Follow {
+            path: &mut path,
+            within: Tolerance::default(),
+        };
+        train.step(&mut state, &straight(3), task)
     };
-    let step = train.step(&mut state, &straight(3), task);
+    // The curve is built in one epoch and one more a frame.
+    assert!((0..3).all(|_| !step().lost));
+    let step = step();
     assert!(step.lost && !step.done);
     state.restart_task();
     assert!(!train.step(&mut state, &straight(3), Order::Stop).lost);

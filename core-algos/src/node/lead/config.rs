@@ -171,16 +171,19 @@ impl Algorithms {
     }
 }
 
-/// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived. They take
-/// 1.6, 2.5, 3.5 and 4.4 ms of bus time with 2, 3, 4 and 5 axles.
+/// Delay of the lead node's work after the beginning of an epoch, µs: the reports of all boards have arrived.
 pub const fn begin_phase(robot: Topology) -> Micros {
-    LEAD_PHASE + TICK * robot.axle_count().saturating_sub(3) as Micros
+    LEAD_PHASE + TICK * robot.axle_count().saturating_sub(4) as Micros
 }
 
-/// Delay of the lead node's step after the beginning of an epoch, µs. One pair of axles is fused at each tick from
-/// [`begin_phase`] on, the last one in the step.
+/// Delay of the lead node's step after the beginning of an epoch, µs. Of several pairs of axles, one is fused at each
+/// tick from [`begin_phase`] on, then the step follows. A single pair is fused in the step.
 pub const fn step_phase(robot: Topology) -> Micros {
-    begin_phase(robot) + TICK * (robot.frame_count() - 1) as Micros
+    let ticks = match robot.frame_count() {
+        1 => 0,
+        pairs => pairs,
+    };
+    begin_phase(robot) + TICK * ticks as Micros
 }
 
 /// Delay of the tick before the lead node's work after the beginning of an epoch, µs: the tick at which a board

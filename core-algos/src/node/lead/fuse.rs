@@ -1,13 +1,14 @@
 //! Reports of the other nodes, and the estimates at the latest epoch that all axles have reported.
 //!
 //! The fusion of a pair of axles takes 0.3 ms on a board. With several pairs the work is spread over the ticks before
-//! the step: [`LeadNode::fuse_ahead`] fuses one pair a tick, and the step the last one.
+//! the step: [`LeadNode::fuse_ahead`] fuses one pair a tick.
 
 use super::fused::Fused;
 use super::pair::{Pair, PairReports, neighbours};
 use super::track::{Advance, AxleReport, AxleTrack, EPOCHS, SETTLING};
 use super::{LeadNode, Own};
 use crate::bus::{Message, layout};
+use crate::fusion::estimator::EstimatorOutput;
 use crate::fusion::{Estimate, robot};
 use crate::math::{Posture, RelativeHeading, Twist};
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
@@ -206,12 +207,12 @@ impl LeadNode {
         *output = pair.step(&self.with.fusion, now, &reports, own);
     }
 
-    /// Fuses one pair ahead of the next step, unless it is the last pair. To be called at the ticks from the lead
+    /// Fuses one pair ahead of the next step. To be called at the ticks from the lead
     /// node's [`begin_phase`](super::begin_phase) to its step, at whose `now` all reports have arrived.
     pub fn fuse_ahead(&mut self, now: Micros, own: &mut Own<'_>) {
         self.begin(own);
         let ready = self.fusing.under_way || self.collect(now);
-        if ready && self.fusing.count + 1 < self.frame_count() {
+        if ready && self.fusing.count < self.frame_count() {
             self.fuse_pair(now, own);
         }
     }
@@ -227,9 +228,10 @@ impl LeadNode {
             self.fuse_pair(now, own);
         }
         self.fusing.under_way = false;
-        let fused = Fused::new(self.with.topology, &self.fusing.pairs);
-        self.state.unsound = own.estimator.is_some() && !fused.is_sound();
-        (!self.state.unsound).then_some(fused)
+        let pairs = &self.fusing.pairs;
+        let mut own_pairs = pairs.iter().take(self.with.topology.frame_count());
+        self.state.unsound = own.estimator.is_some() && !own_pairs.all(is_sound);
+        (!self.state.unsound).then(|| Fused::new(self.with.topology, pairs))
     }
 
     /// Heading of O before the latest epoch and motion of O in this epoch by odometry alone, along the axes of `map`.
@@ -263,6 +265,14 @@ impl LeadNode {
     fn pair(&mut self, frame: FrameId) -> Option<&mut Pair> {
         self.pairs.get_mut(frame.index())
     }
+}
+
+/// True if the robot can drive by the estimates of a user's estimator.
+fn is_sound(pair: &robot::Output) -> bool {
+    let &robot::Output {
+        front, rear, robot, ..
+    } = pair;
+    EstimatorOutput { front, rear, robot }.is_sound()
 }
 
 /// The latest epoch that all axles have reported.

@@ -8,15 +8,16 @@
 //! The covariance of the robot is the mean of the pairs' covariances. For errors of any correlation, the covariance of
 //! a mean is at most the mean of the covariances; so the estimate never claims too much.
 //!
-//! A robot of two axles is its only pair.
+//! With two axles the only pair is the robot.
 
+use crate::control::train;
 use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
-use crate::fusion::estimator::EstimatorOutput;
+use crate::fusion::joint::BeamUpdate;
 use crate::fusion::robot;
-use crate::math::Posture;
 use crate::math::matrix::{add, scale};
-use crate::math::trig::{atan2, sin_cos, wrap_angle};
+use crate::math::trig::{sin_cos, wrap_angle};
+use crate::math::{Posture, RelativeHeading};
 use crate::topology::{MAX_AXLES, MAX_FRAMES, Topology};
 
 /// Number of axles between the first and the last.
@@ -26,28 +27,40 @@ pub const MAX_INNER: usize = MAX_AXLES - 2;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fused {
     topology: Topology,
-    /// Output of the fusion for each pair of neighbouring axles, front first.
-    pub(super) pairs: [robot::Output; MAX_FRAMES],
-    /// The joined pairs; `None` for a robot of two axles.
-    chain: Option<Chain>,
+    /// First axle, last axle, O, and the beam of [`worst_beam`].
+    pub(super) estimates: robot::Output,
+    /// Postures of the axles between the first and the last, front first; beyond the last of them, the origin.
+    inner: [Posture; MAX_INNER],
 }
 
-/// Pairs joined to a whole robot.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Chain {
-    /// Midpoint O and its heading.
-    robot: Estimate,
-    /// Postures of the axles, front first; beyond the last axle, the origin.
-    axles: [Posture; MAX_AXLES],
-}
+impl Fused {
+    /// The estimates of the pairs, joined.
+    pub(super) fn new(topology: Topology, pairs: &[robot::Output; MAX_FRAMES]) -> Self {
+        let mut fused = Self {
+            topology,
+            estimates: pairs[0],
+            inner: [Posture::ORIGIN; MAX_INNER],
+        };
+        if topology.frame_count() > 1 {
+            fused.join(pairs);
+        }
+        fused
+    }
 
-impl Chain {
-    /// Joins the pairs of `frames` frames.
-    fn join(pairs: &[robot::Output; MAX_FRAMES], frames: usize) -> Self {
+    /// Estimates of a robot of two axles.
+    #[cfg(test)]
+    pub(super) fn of_pair(pair: robot::Output) -> Self {
+        Self::new(Topology::PAIR, &[pair; MAX_FRAMES])
+    }
+
+    /// Joins several pairs.
+    fn join(&mut self, pairs: &[robot::Output; MAX_FRAMES]) {
+        let frames = self.topology.frame_count();
         let share = 1.0 / frames as f32;
         let mut axles = [Posture::ORIGIN; MAX_AXLES];
         axles[0] = pairs[0].front.posture;
         let (mut off, mut covariance) = ([0.0; 3], [[0.0; 3]; 3]);
+        let (mut last, mut beam) = (&pairs[0], &pairs[0].beam);
         // At first the chain begins at the front axle of the first pair.
         for (k, pair) in pairs.iter().enumerate().take(frames) {
             let front = axles[k];
@@ -58,10 +71,13 @@ impl Chain {
             off[1] += share * (at.y - 0.5 * (front.y + rear.y));
             off[2] += share * wrap_angle(pair.front.posture.phi - front.phi);
             covariance = add(&covariance, &scale(&pair.robot.covariance, share));
+            last = pair;
+            beam = worst_beam(beam, &pair.beam);
         }
-        let [x, y] = middle_of(&axles, frames);
+        let own = axles.get_mut(..=frames).unwrap_or_default();
+        let Posture { x, y, .. } = train::midpoint(own);
         let (sin, cos) = sin_cos(off[2]);
-        for axle in axles.iter_mut().take(frames + 1) {
+        for axle in &mut *own {
             let (dx, dy) = (axle.x - x, axle.y - y);
             *axle = Posture::new(
                 x + off[0] + cos * dx - sin * dy,
@@ -69,116 +85,66 @@ impl Chain {
                 wrap_angle(axle.phi + off[2]),
             );
         }
-        let robot = Estimate::new(midpoint(&axles, frames), covariance);
-        Self { robot, axles }
-    }
-}
-
-impl Fused {
-    /// The estimates of the pairs, joined.
-    pub(super) fn new(topology: Topology, pairs: &[robot::Output; MAX_FRAMES]) -> Self {
-        let frames = topology.frame_count();
-        Self {
-            topology,
-            pairs: *pairs,
-            chain: (frames > 1).then(|| Chain::join(pairs, frames)),
-        }
-    }
-
-    /// Estimates of a robot of two axles.
-    #[cfg(test)]
-    pub(super) fn of_pair(pair: robot::Output) -> Self {
-        Self::new(Topology::PAIR, &[pair; MAX_FRAMES])
+        let [first, .., rear] = own else { return };
+        self.estimates = robot::Output {
+            front: Estimate::new(*first, pairs[0].front.covariance),
+            rear: Estimate::new(*rear, last.rear.covariance),
+            robot: Estimate::new(train::midpoint(own), covariance),
+            beam: *beam,
+            ipec: None,
+            omega: None,
+        };
+        let between = own.get(1..frames).unwrap_or_default();
+        self.inner
+            .iter_mut()
+            .zip(between)
+            .for_each(|(to, from)| *to = *from);
     }
 
     /// Estimate of the robot's posture: midpoint O and its heading.
     pub(super) fn robot(&self) -> &Estimate {
-        match &self.chain {
-            Some(chain) => &chain.robot,
-            None => &self.pairs[0].robot,
-        }
+        &self.estimates.robot
     }
 
     /// Postures of the axles, front first; beyond the last axle, the origin.
     pub(super) fn axles(&self) -> [Posture; MAX_AXLES] {
-        match &self.chain {
-            Some(chain) => chain.axles,
-            None => {
-                let mut axles = [Posture::ORIGIN; MAX_AXLES];
-                axles[0] = self.pairs[0].front.posture;
-                axles[1] = self.pairs[0].rear.posture;
-                axles
-            }
+        let mut axles = [Posture::ORIGIN; MAX_AXLES];
+        axles[0] = self.estimates.front.posture;
+        for (to, from) in axles.iter_mut().skip(1).zip(self.inner) {
+            *to = from;
         }
+        if let Some(last) = axles.get_mut(self.topology.frame_count()) {
+            *last = self.estimates.rear.posture;
+        }
+        axles
     }
 
-    /// Outputs of the pairs that the robot has, front first.
-    fn own(&self) -> impl Iterator<Item = &robot::Output> {
-        self.pairs.iter().take(self.topology.frame_count())
+    /// Relative heading of the two axles of a frame, by the frame's index.
+    pub(super) fn bend(&self, frame: usize) -> RelativeHeading {
+        let axles = self.axles();
+        let heading = |k: usize| axles.get(k).map_or(0.0, |axle| axle.phi);
+        RelativeHeading(wrap_angle(heading(frame) - heading(frame + 1)))
     }
 
     /// True if a filter rejected the measurement of its frame.
     pub(super) fn is_refused(&self) -> bool {
-        self.own().any(|pair| pair.beam.verdict == Verdict::Gated)
-    }
-
-    /// True if the robot can drive by the estimates of a user's estimator.
-    pub(super) fn is_sound(&self) -> bool {
-        let mut pairs = self.own().map(|pair| EstimatorOutput {
-            front: pair.front,
-            rear: pair.rear,
-            robot: pair.robot,
-        });
-        pairs.all(|pair| pair.is_sound())
-    }
-
-    /// The estimates in the output of the lead node: first axle, last axle, O, and the beam with the largest NIS.
-    pub(super) fn output(&self) -> robot::Output {
-        let [first, ..] = self.pairs;
-        let Some(chain) = &self.chain else {
-            return first;
-        };
-        let last_frame = (self.topology.frame_count() - 1).min(MAX_FRAMES - 1);
-        let last = &self.pairs[last_frame];
-        let mut beam = first.beam;
-        for pair in self.own() {
-            if pair.beam.nis > beam.nis {
-                beam = pair.beam;
-            }
-        }
-        robot::Output {
-            front: Estimate::new(chain.axles[0], first.front.covariance),
-            rear: Estimate::new(chain.axles[last_frame + 1], last.rear.covariance),
-            robot: chain.robot,
-            beam,
-            ipec: None,
-            omega: None,
-        }
+        self.estimates.beam.verdict == Verdict::Gated
     }
 
     /// Postures of the axles between the first and the last.
     pub(super) fn inner(&self) -> [Option<Posture>; MAX_INNER] {
-        let inner = |k: usize| Some(self.chain.as_ref()?.axles[k + 1]);
         let count = self.topology.axle_count() - 2;
-        core::array::from_fn(|k| inner(k).filter(|_| k < count))
+        core::array::from_fn(|k| self.inner.get(k).copied().filter(|_| k < count))
     }
 }
 
-/// Mean of the midpoints of neighbouring axles, m, of the first `frames` frames.
-fn middle_of(axles: &[Posture; MAX_AXLES], frames: usize) -> [f32; 2] {
-    let share = 0.5 / frames as f32;
-    let mut middle = [0.0; 2];
-    for (front, rear) in axles.iter().zip(axles.iter().skip(1)).take(frames) {
-        middle[0] += share * (front.x + rear.x);
-        middle[1] += share * (front.y + rear.y);
+/// The worse of two updates: a rejected one, or that with the larger NIS.
+fn worst_beam<'a>(a: &'a BeamUpdate, b: &'a BeamUpdate) -> &'a BeamUpdate {
+    let rejected = |it: &BeamUpdate| it.verdict == Verdict::Gated;
+    match (rejected(a), rejected(b)) {
+        (true, false) => a,
+        (false, true) => b,
+        _ if b.nis > a.nis => b,
+        _ => a,
     }
-    middle
-}
-
-/// Posture of O of a chain of axles joined by `frames` frames: mean of the midpoints of neighbouring axles, heading
-/// from the last axle to the first.
-fn midpoint(axles: &[Posture; MAX_AXLES], frames: usize) -> Posture {
-    let [x, y] = middle_of(axles, frames);
-    let (first, last) = (axles[0], axles[frames.min(MAX_FRAMES)]);
-    Posture::new(x, y, atan2(first.y - last.y, first.x - last.x))
 }

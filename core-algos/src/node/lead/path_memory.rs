@@ -81,7 +81,7 @@ impl LeadNode {
         Output {
             supervision,
             mode: decision.mode,
-            fused: fused.output(),
+            fused: fused.estimates,
             motion,
             phase: decision.phase,
             target: decision.target,

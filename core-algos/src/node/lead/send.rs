@@ -15,13 +15,13 @@ impl LeadNode {
     pub(super) fn idle(
         &mut self,
         now: Micros,
-        fused: Option<Fused>,
+        fused: Option<&Fused>,
         supervision: supervisor::Output,
         outbox: &mut Outbox,
     ) -> Output {
         self.with.governor.stop(&mut self.state.governor);
         self.train.forget_curve();
-        if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
+        if let (Permit::Off, Some(fused)) = (supervision.permit, fused) {
             self.restart_governor_if_relaxed(fused);
         }
         let motion = self.state.governor.motion;
@@ -35,10 +35,9 @@ impl LeadNode {
             steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
-        let fused = fused.as_ref();
         Output {
             mode,
-            fused: fused.map(Fused::output).unwrap_or_default(),
+            fused: fused.map(|fused| fused.estimates).unwrap_or_default(),
             inner: fused.map(Fused::inner).unwrap_or_default(),
             motion,
             supervision,
@@ -96,7 +95,7 @@ impl LeadNode {
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
     fn restart_governor_if_relaxed(&mut self, fused: &Fused) {
-        let steering = fused.pairs[0].relative_heading().steering();
+        let steering = fused.bend(0).steering();
         if !((steering.0 - self.state.governor.motion.psi.0).abs() <= RELAXED_RAD) {
             self.state.governor = governor::State::at_rest(steering);
         }

@@ -42,7 +42,6 @@ use super::track::AxleTrack;
 use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task};
 use crate::fusion::Estimate;
 use crate::fusion::joint::InconsistentSensor;
-use crate::fusion::robot;
 use crate::math::matrix::is_finite;
 use crate::math::trig::sqrt;
 use crate::math::{RelativeHeading, Twist};
@@ -128,8 +127,8 @@ impl LeadNode {
                 .any(|(posture, _)| posture.age(now) > LATE);
         let mut pairs = Conditions::NONE;
         for (i, pair) in self.pairs.iter().enumerate() {
-            let fused = fused.and_then(|fused| fused.pairs.get(i));
-            pairs = pairs.union(self.watch_pair(now, pair, fused));
+            let bend = fused.map(|fused| fused.bend(i));
+            pairs = pairs.union(self.watch_pair(now, pair, bend));
         }
         let robot = fused.map(Fused::robot);
         let unsound =
@@ -163,14 +162,14 @@ impl LeadNode {
             .with(Condition::PathLost, self.path_task.is_lost())
     }
 
-    /// Conditions of a pair of neighbouring axles; `fused` is the estimate of the pair.
-    fn watch_pair(&self, now: Micros, pair: &Pair, fused: Option<&robot::Output>) -> Conditions {
+    /// Conditions of a pair of neighbouring axles, with their estimated relative heading `bend`.
+    fn watch_pair(&self, now: Micros, pair: &Pair, bend: Option<RelativeHeading>) -> Conditions {
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let beam = pair.posture.filter(|posture| fresh(posture.time));
         // The bend is that of the beam's measurement, or of the axles' estimates if there is no measurement.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
-            .or(fused.map(robot::Output::relative_heading));
+            .or(bend);
         // The fit of a straight strip has a second minimum, buckled, to which drift of the gauges' zeros may lead.
         let curved = heading.is_some_and(|heading| !(heading.0.abs() <= STRAIGHT.0));
         // A measurement too late to be used counts as missing.

@@ -10,15 +10,17 @@ use core_algos::control::cascade::{self, Cascade};
 use core_algos::control::dynamic;
 use core_algos::control::governor::{self, Governor};
 use core_algos::control::kinematic::{self, Law, Reference};
+use core_algos::control::regulator::{Phase, Tolerance};
+use core_algos::control::train::{self, State, Task};
 use core_algos::fusion::ekf::{self, Measurements};
 use core_algos::fusion::{Estimate, intersection, joint};
-use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
-use core_algos::node::board::{Ready, Samples};
+use core_algos::math::{AxleLoad, Posture, RelativeHeading, Transform, Twist, trig};
+use core_algos::node::board::{Board, Ready, Samples};
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, EPOCH_S, TICK};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::{MAX_AXLES, Role, Topology};
 use semihosting::println;
 
 /// Measures all algorithms. Each group has its own function that is not inlined: the sum of the stack frames would
@@ -30,6 +32,16 @@ pub fn measure(counter: &mut Counter) {
     fusion(counter);
     joint(counter);
     control(counter);
+    train(
+        counter,
+        3,
+        ["train_3_begin", "train_3_plan", "train_3_drive"],
+    );
+    train(
+        counter,
+        5,
+        ["train_5_begin", "train_5_plan", "train_5_drive"],
+    );
     boards(counter);
 }
 
@@ -184,10 +196,12 @@ fn joint(counter: &mut Counter) {
     let way = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 1e-3), [5e-5, 2e-5, 1e-4]);
     let seen = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.2), [1e-4, 1e-4, 5e-4]);
     let mut state = filter.start(&robot, &frame, 0.005);
+    let alone = [RelativeHeading(0.0); 2];
     let [mut predict, mut update] = [Total::default(); 2];
     for _ in 0..20 {
         let way = black_box(way);
-        predict.add(counter.cost(|| filter.predict(&mut state, &way, &way, [1.0; 2], 1.0)));
+        let step = || filter.predict(&mut state, &way, &way, [1.0; 2], alone, 1.0);
+        predict.add(counter.cost(step));
         let seen = black_box(seen);
         update.add(counter.cost(|| filter.update(&mut state, &seen, |nis| nis < 40.0)));
     }
@@ -246,18 +260,63 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
     total.print("kinematic_governor_cascade");
 }
 
-/// Board of the default robot. The function is not inlined, because building a board needs as much stack as is painted.
+/// Measures the control of a chain of axles that stay on their references: the first step, the steps that plan and the
+/// steps that drive, without the work of [`Train::plan_ahead`].
 #[inline(never)]
-fn ready(role: Role) -> Ready {
-    Ready::new(&RobotConfig::default(), role).unwrap_or_else(|error| panic!("{error}"))
+fn train(counter: &mut Counter, axles: u8, names: [&str; 3]) {
+    let config = train::Config {
+        axles,
+        ..train::Config::default()
+    };
+    let train = config.build().unwrap_or_else(|error| panic!("{error}"));
+    let mut state = State::default();
+    let goal = Posture::new(0.2, 0.6, 0.5);
+    // The chain rests on a bend.
+    let mut at = [Posture::ORIGIN; MAX_AXLES];
+    for k in 1..MAX_AXLES {
+        at[k] = at[k - 1].compose(Posture::new(-0.365, 0.03, -0.2));
+    }
+    let totals = &mut [Total::default(); 3];
+    for _ in 0..700 {
+        let task: Task<'_, 2, 2> = Task::Regulate {
+            goal,
+            within: Tolerance::default(),
+        };
+        let phase = state.phase();
+        let begins = state.curve().is_empty();
+        let mut step = None;
+        let cost = counter.cost(|| step = Some(train.step(&mut state, black_box(&at), task)));
+        let Some(step) = step else { continue };
+        at = step.references.map(|reference| reference.posture);
+        let kind = match phase {
+            _ if begins => 0,
+            Phase::Plan => 1,
+            _ => 2,
+        };
+        totals[kind].add(cost);
+        train.plan_ahead(&mut state, 1);
+    }
+    for (total, name) in totals.iter().zip(names) {
+        total.print(name);
+    }
+}
+
+/// Board of the default robot, in `place`. The function is not inlined, because building a board needs as much stack as
+/// is painted.
+#[inline(never)]
+fn begin(place: &mut Option<Board>, role: Role) -> &mut Board {
+    let ready = Ready::new(&RobotConfig::default(), role);
+    let ready = ready.unwrap_or_else(|error| panic!("{error}"));
+    ready.begin_in(place)
 }
 
 /// Measures whole ticks of each board: plain ticks, first ticks of an epoch, ticks of the lead node.
 #[inline(never)]
 fn boards(counter: &mut Counter) {
+    let place = cortex_m::singleton!(: Option<Board> = None);
+    let place = place.unwrap_or_else(|| panic!("the boards are measured once"));
     for role in Role::PAIR {
-        let nodes = ready(role);
-        let mut board = nodes.begin();
+        let board = begin(place, role);
         let mut outbox = Outbox::new();
         let [mut plain, mut epoch, mut step] = [Total::default(); 3];
         for tick in 0..400u64 {

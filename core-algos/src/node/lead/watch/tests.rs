@@ -2,7 +2,7 @@ use super::super::Placement;
 use super::*;
 use crate::fusion::constants::{GYRO_BIAS, SCALE, ZERO};
 use crate::fusion::ekf::Verdict;
-use crate::fusion::robot::Mode;
+use crate::fusion::robot::{self, Mode};
 use crate::math::{Posture, Wrench};
 use crate::node::robot::RobotConfig;
 use crate::node::testing::{Cause, assert_watched, beat, supervisor_in};
@@ -27,7 +27,7 @@ impl Watched {
     }
 
     fn fused(&mut self) -> &mut robot::Output {
-        &mut self.fused.as_mut().unwrap().pairs[0]
+        &mut self.fused.as_mut().unwrap().estimates
     }
 
     fn pair(&mut self) -> &mut Pair {
