@@ -28,8 +28,8 @@ declare! {
         /// Price of a cusp in a plan.
         pub cusp_price_m: f32 = 0.2, "m": NonNegative;
         /// Candidates that the planner evaluates in an epoch.
-        // A candidate takes 10 µs on a board, and with five axles four ticks of an epoch are left for them.
-        pub planner_budget: u32 = 150, "": Positive;
+        // A candidate takes 4 µs on a board, and with five axles three ticks of an epoch are left for them.
+        pub planner_budget: u32 = 250, "": Positive;
         /// Speed of regulation.
         pub speed_m_s: f32 = 0.2, "m/s": Positive;
         /// Largest acceleration, and deceleration ahead of stops.

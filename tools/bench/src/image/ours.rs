@@ -32,16 +32,20 @@ pub fn measure(counter: &mut Counter) {
     fusion(counter);
     joint(counter);
     control(counter);
-    train(
-        counter,
-        3,
-        ["train_3_begin", "train_3_plan", "train_3_drive"],
-    );
-    train(
-        counter,
-        5,
-        ["train_5_begin", "train_5_plan", "train_5_drive"],
-    );
+    let three = [
+        "train_3_begin",
+        "train_3_plan",
+        "train_3_drive",
+        "train_3_ahead",
+    ];
+    train(counter, 3, 5, three);
+    let five = [
+        "train_5_begin",
+        "train_5_plan",
+        "train_5_drive",
+        "train_5_ahead",
+    ];
+    train(counter, 5, 3, five);
     boards(counter);
 }
 
@@ -261,9 +265,9 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
 }
 
 /// Measures the control of a chain of axles that stay on their references: the first step, the steps that plan and the
-/// steps that drive, without the work of [`Train::plan_ahead`].
+/// steps that drive; and the planner's work in each of `parts` ticks of an epoch.
 #[inline(never)]
-fn train(counter: &mut Counter, axles: u8, names: [&str; 3]) {
+fn train(counter: &mut Counter, axles: u8, parts: u32, names: [&str; 4]) {
     let config = train::Config {
         axles,
         ..train::Config::default()
@@ -277,6 +281,7 @@ fn train(counter: &mut Counter, axles: u8, names: [&str; 3]) {
         at[k] = at[k - 1].compose(Posture::new(-0.365, 0.03, -0.2));
     }
     let totals = &mut [Total::default(); 3];
+    let mut ahead = Total::default();
     for _ in 0..700 {
         let task: Task<'_, 2, 2> = Task::Regulate {
             goal,
@@ -294,9 +299,17 @@ fn train(counter: &mut Counter, axles: u8, names: [&str; 3]) {
             _ => 2,
         };
         totals[kind].add(cost);
-        train.plan_ahead(&mut state, 1);
+        // Plans in as many ticks of an epoch as the lead node.
+        for _ in 0..parts {
+            let cost = counter.cost(|| train.plan_ahead(&mut state, parts));
+            if state.phase() == Phase::Plan {
+                ahead.add(cost);
+            }
+        }
     }
-    for (total, name) in totals.iter().zip(names) {
+    let [first, plan, drive, ahead_of] = names;
+    ahead.print(ahead_of);
+    for (total, name) in totals.iter().zip([first, plan, drive]) {
         total.print(name);
     }
 }
