@@ -742,8 +742,8 @@ fn robot_whose_frames_straightened_drives_from_where_it_is() {
         let goal = Posture::ORIGIN;
         let within = Tolerance::default();
         let axles_at = bench.postures();
-        // The curve is built in one epoch and one more a frame.
-        for _ in 0..axles {
+        // The curve is built in two epochs and one more a frame.
+        for _ in 0..=axles {
             bench.epoch(Task::Regulate { goal, within });
         }
         let step = bench.epoch(Task::Regulate { goal, within });

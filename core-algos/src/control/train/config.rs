@@ -9,8 +9,8 @@ use super::turn::Turns;
 use crate::config::{Allowed, ConfigError, declare, require};
 use crate::topology::MAX_AXLES;
 
-/// Pitches between the first axle and the last one on a straight.
-const BODY_PITCHES: f32 = 160.0;
+/// Knots of the curve for each frame.
+const FRAME_PITCHES: f32 = 40.0;
 
 declare! {
     /// Parameters of a robot of three or more axles.
@@ -104,7 +104,7 @@ impl Config {
             axles,
             link,
             body,
-            pitch: body / BODY_PITCHES,
+            pitch: distance / FRAME_PITCHES,
             planner: Planner::new(turns, body, self.cusp_price_m),
             leader: Leader {
                 kappa: self.max_curvature_per_m,

@@ -140,18 +140,17 @@ impl Rebuild {
     /// Leads the curve along the next frame. After the last frame, extends it beyond the ends and returns the places of
     /// the axles, m.
     pub(super) fn step(&mut self, curve: &mut Curve, by: Measures) -> Option<[f32; MAX_AXLES]> {
-        if let Some(axle) = self.frames_left.checked_sub(1) {
-            self.frames_left = axle;
-            let front = self.axles.get(axle).copied()?;
-            self.pass(curve, front, by);
-            if let Some(place) = self.places.get_mut(axle) {
-                *place = self.passed;
-            }
-        }
-        (self.frames_left == 0).then(|| {
+        let Some(axle) = self.frames_left.checked_sub(1) else {
             let shift = extend_beyond_ends(curve, by);
-            self.places.map(|place| place + shift)
-        })
+            return Some(self.places.map(|place| place + shift));
+        };
+        self.frames_left = axle;
+        let front = self.axles.get(axle).copied()?;
+        self.pass(curve, front, by);
+        if let Some(place) = self.places.get_mut(axle) {
+            *place = self.passed;
+        }
+        None
     }
 
     /// Leads the curve on to the axle at `front`.
@@ -246,7 +245,7 @@ mod tests {
                 slope: 6.0,
             };
             let mut work = Rebuild::new(&mut curve, &axles, by);
-            let places = (0..4).find_map(|_| work.step(&mut curve, by)).unwrap();
+            let places = (0..5).find_map(|_| work.step(&mut curve, by)).unwrap();
             for (axle, place) in axles.iter().zip(places) {
                 let off = curve.at(place).knot.posture.relative_to(*axle);
                 assert!(off.x.abs().max(off.y.abs()) < 1.5e-3, "{frames:?} {off:?}");
