@@ -3,7 +3,7 @@
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::node::lead;
-use core_algos::time::{LEAD_PHASE, Micros, TICK};
+use core_algos::time::Micros;
 use core_algos::topology::{MAX_AXLES, MAX_BOARDS, Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -427,6 +427,7 @@ mod tests {
     use super::*;
     use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
+    use core_algos::time::LEAD_PHASE;
     use core_algos::topology::AxleId;
 
     fn status(sequence: u8) -> Message {
