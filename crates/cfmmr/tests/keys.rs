@@ -73,7 +73,7 @@ posture | rear board lost |
 /// Keys with an effect in a special situation only, or with an effect that a search over all situations finds late.
 const PROBES: &str = "
 world=ideal | posture ||
-bus.transmission=on | posture || bus.latency_ms=0
+bus.transmission=on | posture || bus.latency_ms=0 robot.axle.speed_source=filter robot.axle.controller.frame_force=beam
 robot.axle.limits.stall_share=0.4 | posture || plant.rolling_resistance=0.5
 robot.axle.rest_settle_s=6 | posture || mission.rest_s=60 robot.lead.hold_s=6 sensors.gyro.fitted=true
 robot.lead.hold_s=6 | posture || mission.rest_s=60
@@ -300,7 +300,7 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
 /// Values to try instead of `value`; some may be out of range.
 fn trial_values(value: &Value) -> Vec<Value> {
     let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
-                 piecewise quadrature wheels filter off reference beam joint odometry";
+                 piecewise quadrature wheels filter on off reference beam joint odometry";
     match *value {
         Value::Float(0.0) => [1e-3, 0.05, 1e-6, 1.0, 5.0].map(Value::Float).to_vec(),
         Value::Float(x) => [1.1, 0.9, 1.01, 2.0, 0.5, 10.0, 0.1]

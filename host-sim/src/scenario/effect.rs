@@ -43,6 +43,7 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
      robot.lead.stop robot.lead.supervisor robot.lead.hold_s robot.axle.stop \
      robot.axle.supervisor robot.axle.limits":
         |_, used| used == Use::Replay => "in a replay, which recomputes estimates";
+    "board.place": |_, _| true => "in a simulation: each board has the place of its name";
     "robot.axle.filter.fix_gate": |_, _| true => "without position fixes, which no node sends";
     "robot.lead.regulator.approach.heading_gain_rad_s":
         |_, _| true => "in the approach, which uses arrival_gain instead";

@@ -97,7 +97,7 @@ mod tests {
         for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
             let mut settings = Settings::default();
             let value = match parameter.whole {
-                true => 4096.0,
+                true => 4096f32.clamp(parameter.range.0, parameter.range.1),
                 false => 0.5 * (parameter.range.0 + parameter.range.1),
             };
             parameter.set(&mut settings, value).unwrap();
