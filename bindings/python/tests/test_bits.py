@@ -136,6 +136,6 @@ def test_three_axles_have_columns_of_each_axle():
         assert log[name].shape == (len(log["time_s"]), 3)
     apart = np.linalg.norm(log["truth.axle-2.axle"][0, :2] - log["truth.front"][0, :2])
     assert apart == pytest.approx(0.37, abs=2e-3)
-    assert len(scenario.rows("all")) == 4, "fusions of one pair are left out"
+    assert len(scenario.rows("all")) == 2, "fusions of one pair are left out"
     with pytest.raises(InputError, match="robot.geometry.axles"):
         Scenario(axles=6)
