@@ -432,22 +432,32 @@ impl LeadNode {
             None => self.with.governor.stop(&mut self.state.governor),
         }
         let motion = self.state.governor.motion;
-        (self.state.done, self.state.failed) = (decision.done, decision.failed);
-        let aim = match self.state.task {
+        let references = self.with.cascade.references(center, &motion);
+        self.send_references(now, decision.mode, &references, fused, outbox);
+        self.conclude(&decision, fused, supervision)
+    }
+
+    /// Output of a step that drives.
+    fn conclude(
+        &mut self,
+        decision: &Decision,
+        fused: &Fused,
+        supervision: supervisor::Output,
+    ) -> Output {
+        let state = &mut self.state;
+        (state.done, state.failed) = (decision.done, decision.failed);
+        state.aim = match state.task {
             Task::Regulate { goal, .. } => Some(goal),
             _ => decision.target,
         };
-        self.state.aim = aim;
-        let references = self.with.cascade.references(center, &motion);
-        self.send_references(now, decision.mode, &references, fused, outbox);
         Output {
             supervision,
             mode: decision.mode,
             fused: fused.estimates,
-            motion,
+            motion: state.governor.motion,
             phase: decision.phase,
             target: decision.target,
-            done: decision.done && !self.state.lost,
+            done: decision.done && !state.lost,
             failed: decision.failed,
             inner: fused.inner(),
         }

@@ -39,7 +39,7 @@ pub fn format_of(robot: Topology) -> &'static str {
 }
 
 /// Names of the axles between the first and the last.
-pub(crate) fn inner_names(robot: Topology) -> impl Iterator<Item = &'static str> {
+pub fn inner_names(robot: Topology) -> impl Iterator<Item = &'static str> {
     let inner = robot.axles().take(robot.axle_count() - 1).skip(1);
     inner.map(move |axle| robot.name(Role::Axle(axle)))
 }

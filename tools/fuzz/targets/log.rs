@@ -7,7 +7,7 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|data: &[u8]| {
     let whole = match data.split_first() {
         Some((0, rest)) => rest.to_vec(),
-        Some((_, rest)) => in_a_file(rest),
+        Some((kind, rest)) => in_a_file(rest, entry::FORMATS[usize::from(kind % 2)]),
         None => Vec::new(),
     };
     match read::read(&whole, "log") {
@@ -28,12 +28,12 @@ fuzz_target!(|data: &[u8]| {
     }
 });
 
-/// Log whose messages are the lines of the input: topic, space, content.
-fn in_a_file(lines: &[u8]) -> Vec<u8> {
+/// Log of a version of the format. Its messages are the lines of the input: topic, space, content.
+fn in_a_file(lines: &[u8], format: &str) -> Vec<u8> {
     let room = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().compression(None);
     let mut writer = options.create(room).expect("memory can be written to");
-    let about = [("format".to_owned(), entry::FORMAT.to_owned())];
+    let about = [("format".to_owned(), format.to_owned())];
     let metadata = mcap::records::Metadata {
         name: entry::ABOUT.to_owned(),
         metadata: about.into_iter().collect(),

@@ -61,34 +61,18 @@ impl LeadNode {
                 Course { decision, ..course }
             }
         };
-        let motion = Motion {
+        self.state.governor.motion = Motion {
             v: step.v,
             v_rate: step.v_rate,
             psi: self.with.cascade.steering(step.kappa),
             ..Motion::default()
-        };
-        self.state.governor.motion = motion;
-        (self.state.done, self.state.failed) = (decision.done, decision.failed);
-        self.state.aim = match self.state.task {
-            Task::Regulate { goal, .. } => Some(goal),
-            _ => decision.target,
         };
         let references = step.references.map(|reference| AxleReference {
             posture: between(reference.posture, odom, map),
             ..reference
         });
         self.send_references(now, decision.mode, &references, fused, outbox);
-        Output {
-            supervision,
-            mode: decision.mode,
-            fused: fused.estimates,
-            motion,
-            phase: decision.phase,
-            target: decision.target,
-            done: decision.done && !self.state.lost,
-            failed: decision.failed,
-            inner: fused.inner(),
-        }
+        self.conclude(&decision, fused, supervision)
     }
 
     /// A step that brakes along the curve.
