@@ -77,6 +77,23 @@ def test_three_axles_stand_in_a_row(careful):
     assert places[:, :2].mean(axis=0) == pytest.approx(drawn["start"][:2], abs=1e-3)
 
 
+@pytest.mark.parametrize("axles", [3, 5])
+def test_every_axle_of_a_chain_carries_its_weight_on_rough_ground(axles):
+    robot = MuJoCoRobot(Scenario("careful", axles=axles), 31, ground=Ground.parse("rough:10"))
+    for _ in range(1500):
+        robot.step_with(np.zeros((axles, 2)))
+    carried = np.zeros(axles)
+    force = np.empty(6)
+    for index, contact in enumerate(robot.data.contact):
+        mujoco.mj_contactForce(robot.model, robot.data, index, force)
+        wheel = max(contact.geom, key=lambda geom: robot.model.geom_bodyid[geom])
+        name = robot.model.body(robot.model.geom_bodyid[wheel]).name
+        carried[int(name[len("wheel") :].split(".")[0])] += force[0]
+    mean = robot.model.body_mass.sum() * GRAVITY / axles
+    assert carried.sum() == pytest.approx(axles * mean, rel=0.05)
+    assert carried == pytest.approx(mean, rel=0.4)
+
+
 @pytest.mark.parametrize(("left", "right"), [(0.25, -0.25), (-0.3, 0.2)])
 def test_strains_are_those_of_the_exact_strip(careful, free, left, right):
     robot, drawn = MuJoCoRobot(free, 31), drawn_plant(careful, 31)

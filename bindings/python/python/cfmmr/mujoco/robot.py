@@ -26,6 +26,8 @@ _SENSORS = {"gyro": mujoco.mjtSensor.mjSENS_GYRO, "accelerometer": mujoco.mjtSen
 _SETTLE_TICKS = 1000
 _HELD = 1e3
 """Damping of a held wheel, N m s/rad."""
+_PITCH_DAMPING = 0.02
+"""Damping of the hinge between a frame and an inner axle ahead of it, N m s/rad."""
 _CONTACT_TIME_S = 0.003
 """Time constant of a contact's compliance: a wheel sinks in by 0.1 mm."""
 
@@ -34,8 +36,8 @@ class MuJoCoRobot:
     """The robot that is drawn for a seed and a trial, simulated by MuJoCo.
 
     Has the methods and properties of `Plant` that `run` needs. Rigid axles and wheels in three dimensions; each frame is
-    a chain of `HINGES` hinges that bend and twist. Contacts have Coulomb friction. Backlash, side slip, floor drift and
-    load-dependent radii of the drawn robot are left out.
+    a chain of `HINGES` hinges that bend and twist. An inner axle can pitch against the frame behind it. Contacts have
+    Coulomb friction. Backlash, side slip, floor drift and load-dependent radii of the drawn robot are left out.
 
     ground: in a square from −reach_m to reach_m; the robot falls off its edge. impratio: stiffness of friction over that
     of the normal force in MuJoCo's contacts.
@@ -306,9 +308,16 @@ def _add_frame(body: mujoco.MjsBody, plant: dict[str, Any], frame: int, thicknes
             joint.damping = [plant["internal_damping_s"] * stiffness, 0, 0]
         _add_segment(body, step if k < HINGES - 1 else step / 2, width, thickness, mass)
     turn = plant["clamp_angle_tip_rad"]
-    return body.add_body(
+    axle = body.add_body(
         pos=[step / 2 + plant["rigid_tip_m"], 0, 0], quat=[np.cos(turn / 2), 0, 0, np.sin(turn / 2)]
     )
+    if frame > 0:
+        # A strip does not bend in the vertical plane: without this hinge, one of three axles in a row stands in the air.
+        pitch = axle.add_joint(
+            name=f"pitch{frame}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], armature=_HINGE_INERTIA
+        )
+        pitch.damping = [_PITCH_DAMPING, 0, 0]
+    return axle
 
 
 def _add_segment(body: mujoco.MjsBody, length: float, width: float, thickness: float, mass: float) -> None:
