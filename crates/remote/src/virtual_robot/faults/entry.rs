@@ -104,9 +104,9 @@ pub struct Entry {
     pub vary: fn(Role, &mut ChipVariation),
 }
 
-/// Time for which a robot of three or more axles stands longer before its drive, s: it builds its curve and plans. A
+/// Longest time for which a robot of three or more axles stands before its drive, s: it builds its curve and plans. A
 /// wheel that stands shows no fault.
-const PLANNING_S: f64 = 0.5;
+const PLANNING_S: f64 = 1.3;
 
 /// Moves a fault of samples, frames or plant to the second axle or the frame behind it.
 fn inside(fault: &mut Fault, robot: Topology) {
@@ -204,8 +204,8 @@ impl Entry {
         self.late_ms.iter_mut().for_each(|(role, _)| beam(role));
         if let RunKind::Model(fault) = &mut self.kind {
             inside(fault, robot);
-            self.off_within_s += PLANNING_S;
         }
+        self.off_within_s += PLANNING_S;
         self
     }
 
