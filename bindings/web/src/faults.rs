@@ -22,8 +22,8 @@ fn entry(name: impl Into<String>, text: impl Into<String>, fault: Fault) -> Entr
     }
 }
 
-/// Faults of a robot, in the order of their numbers: those of front, rear and first frame, then those of the axles and
-/// frames between them.
+/// Faults of a robot, in the order of their numbers. Faults of the front axle, the rear axle and the first frame come first.
+/// Faults of the other axles and frames follow.
 pub fn of(robot: Topology) -> Vec<Entry> {
     let mut all = ends(robot);
     let inner = robot.axles().skip(1).take(robot.axle_count() - 2);

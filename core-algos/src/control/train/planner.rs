@@ -214,7 +214,7 @@ struct Scan {
     before: [Option<Straight>; 3],
 }
 
-/// What is left to the target after the first turn.
+/// Remaining way and angle from the end of the first turn to the target.
 #[derive(Clone, Copy, Debug)]
 struct Turned {
     /// Way along the direction after the turn and to its left, m.

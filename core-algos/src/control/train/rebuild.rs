@@ -77,9 +77,9 @@ pub(super) struct Rebuild {
     places: [f32; MAX_AXLES],
     /// Number of frames that the curve does not pass yet.
     frames_left: usize,
-    /// Where the curve has led to, with the curvature at the axle there.
+    /// End of the part that is built: posture, and curvature at the axle there.
     at: Knot,
-    /// Arc length there, m.
+    /// Arc length of this end, m.
     passed: f32,
 }
 

@@ -115,7 +115,7 @@ pub struct BoardReport {
     pub can: Can,
 }
 
-/// Limit of a tick, µs; 15 % of the millisecond are reserve. The longest ticks plan a path.
+/// Limit of a tick, µs; 15 % of the millisecond are reserve. A beam board takes 0.8 ms to fit the strip.
 const TICK_LIMIT_US: u64 = 850;
 
 impl BoardReport {
