@@ -37,6 +37,8 @@ use pair::Pair;
 pub use task::{Activity, Placement, Task};
 use track::AxleTrack;
 
+use core::ops::RangeInclusive;
+
 use super::Outbox;
 use super::path_task;
 use super::peers::{self, Peers};
@@ -49,7 +51,7 @@ use crate::fusion::robot;
 use crate::math::{Posture, Transform, Twist};
 use crate::safety::supervisor;
 use crate::safety::{Condition, OperatingState, Permit, ramp};
-use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
+use crate::time::{EPOCH, Micros, epoch_start, seconds, sequence};
 use crate::topology::{MAX_AXLES, MAX_FRAMES, Node, Topology};
 
 /// Age above which a report is late: the bus has had a whole epoch for it.
@@ -282,8 +284,8 @@ impl LeadNode {
     }
 
     /// Phases in an epoch, µs: from the first fusion of a pair ([`Self::fuse_ahead`]) to the step.
-    pub fn phases(&self) -> core::ops::RangeInclusive<Micros> {
-        begin_phase(self.with.topology)..=step_phase(self.with.topology)
+    pub fn phases(&self) -> RangeInclusive<Micros> {
+        self.with.begin_phase..=self.with.step_phase
     }
 
     /// Topology of the robot.
@@ -366,17 +368,14 @@ impl LeadNode {
                 return;
             }
         }
-        // All ticks of an epoch plan ahead, except that of the reports, those of fusion and step, and one for the
-        // conditioning of a covariance.
-        let work = self.phases();
-        let taken = 3 + (work.end() - work.start()) / TICK;
-        let ticks = (EPOCH / TICK).saturating_sub(taken) as u32;
-        if let Some(train) = &self.with.train {
-            return train.plan_ahead(&mut self.train, ticks);
+        let ticks = self.with.planning_ticks;
+        match &self.with.train {
+            Some(train) => train.plan_ahead(&mut self.train, ticks),
+            None => {
+                let state = &mut self.state.regulator;
+                self.with.regulator.plan_ahead(state, ticks);
+            }
         }
-        self.with
-            .regulator
-            .plan_ahead(&mut self.state.regulator, ticks);
     }
 
     /// Runs one step at `now`; references go to `outbox`.
@@ -459,7 +458,7 @@ impl LeadNode {
             target: decision.target,
             done: decision.done && !state.lost,
             failed: decision.failed,
-            inner: fused.inner(),
+            inner: fused.inner,
         }
     }
 

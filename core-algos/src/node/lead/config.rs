@@ -12,7 +12,7 @@ use crate::math::Wrench;
 use crate::node::path_task::{self, PathTask};
 use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
-use crate::time::{EPOCH_S, LEAD_PHASE, Micros, TICK};
+use crate::time::{EPOCH, EPOCH_S, LEAD_PHASE, Micros, TICK};
 use crate::topology::Topology;
 
 /// True if a fusion suits a robot. Covariance intersection and IPEC know one pair of axles. By odometry alone the axles
@@ -110,6 +110,9 @@ impl Config {
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
             topology,
+            begin_phase: begin_phase(topology),
+            step_phase: step_phase(topology),
+            planning_ticks: planning_ticks(topology),
             limits: self.limits,
             ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             frame_length: self.cascade.frame_length_m,
@@ -149,6 +152,11 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algorithms {
     pub(super) topology: Topology,
+    // Derived from `topology` once, as each tick asks for them.
+    pub(super) begin_phase: Micros,
+    pub(super) step_phase: Micros,
+    /// Ticks of an epoch that plan ahead.
+    pub(super) planning_ticks: u32,
     pub(super) report_timeout: Micros,
     pub(super) longest_hold: Micros,
     pub(super) fusion: RobotFusion,
@@ -184,6 +192,13 @@ pub const fn step_phase(robot: Topology) -> Micros {
         pairs => pairs,
     };
     begin_phase(robot) + TICK * ticks as Micros
+}
+
+/// Number of ticks of an epoch that plan ahead: all but that of the reports, those of fusion and step, and one for the
+/// conditioning of a covariance.
+const fn planning_ticks(robot: Topology) -> u32 {
+    let work = (step_phase(robot) - begin_phase(robot)) / TICK;
+    (EPOCH / TICK).saturating_sub(3 + work) as u32
 }
 
 /// Delay of the tick before the lead node's work after the beginning of an epoch, µs: the tick at which a board

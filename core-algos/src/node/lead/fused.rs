@@ -29,8 +29,8 @@ pub(super) struct Fused {
     topology: Topology,
     /// First axle, last axle, O, and the beam of [`worst_beam`].
     pub(super) estimates: robot::Output,
-    /// Postures of the axles between the first and the last, front first; beyond the last of them, the origin.
-    inner: [Posture; MAX_INNER],
+    /// Postures of the axles between the first and the last, front first.
+    pub(super) inner: [Option<Posture>; MAX_INNER],
 }
 
 impl Fused {
@@ -39,7 +39,7 @@ impl Fused {
         let mut fused = Self {
             topology,
             estimates: pairs[0],
-            inner: [Posture::ORIGIN; MAX_INNER],
+            inner: [None; MAX_INNER],
         };
         if topology.frame_count() > 1 {
             fused.join(pairs);
@@ -98,7 +98,7 @@ impl Fused {
         self.inner
             .iter_mut()
             .zip(between)
-            .for_each(|(to, from)| *to = *from);
+            .for_each(|(to, from)| *to = Some(*from));
     }
 
     /// Estimate of the robot's posture: midpoint O and its heading.
@@ -106,35 +106,28 @@ impl Fused {
         &self.estimates.robot
     }
 
-    /// Postures of the axles, front first; beyond the last axle, the origin.
-    pub(super) fn axles(&self) -> [Posture; MAX_AXLES] {
-        let mut axles = [Posture::ORIGIN; MAX_AXLES];
-        axles[0] = self.estimates.front.posture;
-        for (to, from) in axles.iter_mut().skip(1).zip(self.inner) {
-            *to = from;
+    /// Posture of an axle, by its index; beyond the last axle, the origin.
+    pub(super) fn axle(&self, index: usize) -> Posture {
+        match index {
+            0 => self.estimates.front.posture,
+            last if last == self.topology.frame_count() => self.estimates.rear.posture,
+            _ => self
+                .inner
+                .get(index - 1)
+                .copied()
+                .flatten()
+                .unwrap_or_default(),
         }
-        if let Some(last) = axles.get_mut(self.topology.frame_count()) {
-            *last = self.estimates.rear.posture;
-        }
-        axles
     }
 
     /// Relative heading of the two axles of a frame, by the frame's index.
     pub(super) fn bend(&self, frame: usize) -> RelativeHeading {
-        let axles = self.axles();
-        let heading = |k: usize| axles.get(k).map_or(0.0, |axle| axle.phi);
-        RelativeHeading(wrap_angle(heading(frame) - heading(frame + 1)))
+        RelativeHeading(wrap_angle(self.axle(frame).phi - self.axle(frame + 1).phi))
     }
 
     /// True if a filter rejected the measurement of its frame.
     pub(super) fn is_refused(&self) -> bool {
         self.estimates.beam.verdict == Verdict::Gated
-    }
-
-    /// Postures of the axles between the first and the last.
-    pub(super) fn inner(&self) -> [Option<Posture>; MAX_INNER] {
-        let count = self.topology.axle_count() - 2;
-        core::array::from_fn(|k| self.inner.get(k).copied().filter(|_| k < count))
     }
 }
 

@@ -3,6 +3,8 @@
 //! The curve lies in the frame `odom`. An axle's estimate is seen from O in `map`, and O stands at its posture in
 //! `odom`; so a jump of the estimate in `map` moves no axle against its reference.
 
+use core::array::from_fn;
+
 use super::fused::Fused;
 use super::{Decision, LeadNode, Output, REST_M_S, Task, active_until};
 use crate::bus::LeadMode;
@@ -39,7 +41,7 @@ impl LeadNode {
         let odom = self.state.odom.unwrap_or(map);
         let between =
             |posture: Posture, from: Posture, to: Posture| to.compose(posture.relative_to(from));
-        let axles = fused.axles().map(|axle| between(axle, map, odom));
+        let axles = from_fn(|k| between(fused.axle(k), map, odom));
         let Course { decision, step } = match supervision.permit {
             // Before it drives the robot holds still, so that a swinging frame comes to rest.
             Permit::Hold if !self.state.is_over() => {

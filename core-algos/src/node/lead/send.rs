@@ -35,14 +35,16 @@ impl LeadNode {
             steering_rad: motion.psi.0,
             velocity_m_s: motion.v,
         });
-        Output {
+        let mut output = Output {
             mode,
-            fused: fused.map(|fused| fused.estimates).unwrap_or_default(),
-            inner: fused.map(Fused::inner).unwrap_or_default(),
             motion,
             supervision,
             ..Output::default()
+        };
+        if let Some(fused) = fused {
+            (output.fused, output.inner) = (fused.estimates, fused.inner);
         }
+        output
     }
 
     /// Sends the status and the references of the axles.
@@ -63,13 +65,13 @@ impl LeadNode {
             velocity_m_s: motion.v,
         });
         let epoch = epoch_start(now, sequence);
-        let axles = self.with.topology.axles().zip(fused.axles());
         let known = self.tracks.iter().zip(references);
-        for ((axle, estimate), (track, reference)) in axles.zip(known) {
+        for (axle, (track, reference)) in self.with.topology.axles().zip(known) {
             let Some(odometry) = track.odometry else {
                 continue;
             };
             // The reference relative to the estimated axle, applied in the axle's own odometric frame.
+            let estimate = fused.axle(axle.index());
             let mut relative = reference.posture.relative_to(estimate);
             // The estimate is of the latest epoch that all axles have reported.
             let age = epoch.saturating_sub(odometry.time);

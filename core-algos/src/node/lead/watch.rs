@@ -163,6 +163,8 @@ impl LeadNode {
     }
 
     /// Conditions of a pair of neighbouring axles, with their estimated relative heading `bend`.
+    // Not inlined: in the loop over the pairs its values would pass over the stack.
+    #[inline(never)]
     fn watch_pair(&self, now: Micros, pair: &Pair, bend: Option<RelativeHeading>) -> Conditions {
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let beam = pair.posture.filter(|posture| fresh(posture.time));

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::math::trig::wrap_angle;
-use crate::time::EPOCH;
+use crate::time::{EPOCH, TICK};
 use crate::topology::{MAX_AXLES, Topology};
 
 const LENGTH_M: f32 = 0.37;
