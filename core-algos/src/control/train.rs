@@ -71,7 +71,7 @@ use leader::{Desired, Leader};
 use planner::Planner;
 use rebuild::{Measures, Rebuild};
 use regulation::Regulation;
-use spacing::Link;
+use spacing::{Link, Neighbour};
 use speed::{Limits, Motion};
 
 /// Knots that the curve reaches beyond the leader.
@@ -177,6 +177,8 @@ pub struct State {
     curve: Curve,
     /// Places of the axles on the curve, m, front first.
     places: [f32; MAX_AXLES],
+    /// Speeds of the axles over that of the leader.
+    ratios: [f32; MAX_AXLES],
     direction: Direction,
     motion: Motion,
     /// Deviations of the axles from a new curve, in the coordinates of the curve at their places.
@@ -204,6 +206,7 @@ impl State {
     pub const NEW: Self = Self {
         curve: Curve::EMPTY,
         places: [0.0; MAX_AXLES],
+        ratios: [1.0; MAX_AXLES],
         direction: Direction::Forward,
         motion: Motion { v: 0.0, rate: 0.0 },
         offsets: [Posture::ORIGIN; MAX_AXLES],
@@ -372,7 +375,7 @@ impl Train {
         let wanted = self.by_wheels(state, wanted);
         let driven = self.limits.step(&mut state.motion, wanted, demand.distance);
         state.driven += driven;
-        state.places = self.places(state, driven);
+        self.advance(state, driven);
 
         let still = state.stuck.step(moving, center, EPOCH_S);
         self.finish(state, center, &demand, &task, still);
@@ -410,7 +413,7 @@ impl Train {
         };
         let axles = *work.axles();
         (state.places, state.rebuild) = (places, None);
-        state.places = self.places(state, 0.0);
+        self.advance(state, 0.0);
         for (i, axle) in axles.iter().enumerate().take(self.axles) {
             let at = state.curve.at(state.place(i)).knot.posture;
             if let Some(offset) = state.offsets.get_mut(i) {
@@ -419,27 +422,40 @@ impl Train {
         }
     }
 
-    /// Places of the axles with the leader advanced by `driven` (m).
-    fn places(&self, state: &State, driven: f32) -> [f32; MAX_AXLES] {
-        let step = state.direction.sign() * driven;
-        let mut places = state.places.map(|place| place + step);
-        let own = places.get_mut(..self.axles).unwrap_or_default();
-        let mut s = state.leader(self) + step;
-        match state.direction {
-            Direction::Forward => {
-                for place in own.iter_mut().skip(1) {
-                    s = self.link.behind(&state.curve, s, *place);
-                    *place = s;
+    /// Advances the leader by `driven` (m), and with it the other axles.
+    fn advance(&self, state: &mut State, driven: f32) {
+        let State {
+            curve,
+            places,
+            ratios,
+            direction,
+            ..
+        } = state;
+        let mut last: Option<Neighbour> = None;
+        for behind in 0..self.axles {
+            let axle = match direction {
+                Direction::Forward => behind,
+                Direction::Reverse => self.axles - 1 - behind,
+            };
+            let (Some(place), Some(ratio)) = (places.get_mut(axle), ratios.get_mut(axle)) else {
+                continue;
+            };
+            *place += direction.sign() * driven;
+            let own = match (last, &direction) {
+                (None, _) => Neighbour {
+                    place: *place,
+                    ratio: 1.0,
+                },
+                (Some(last), Direction::Forward) => {
+                    last.then(self.link.behind(curve, last.place, *place))
                 }
-            }
-            Direction::Reverse => {
-                for place in own.iter_mut().rev().skip(1) {
-                    s = self.link.ahead(&state.curve, s, *place);
-                    *place = s;
+                (Some(last), Direction::Reverse) => {
+                    last.then(self.link.ahead(curve, last.place, *place))
                 }
-            }
+            };
+            (*place, *ratio) = (own.place, own.ratio);
+            last = Some(own);
         }
-        places
     }
 
     /// Enters the route of a task, with the robot on it.
@@ -607,9 +623,9 @@ impl Train {
     /// Speed `wanted` (m/s) of the leader, reduced for the wheels.
     fn by_wheels(&self, state: &State, wanted: f32) -> f32 {
         let mut speed = wanted;
-        for i in 0..self.axles {
-            let kappa = state.curve.kappa(state.place(i));
-            speed = lesser(speed, self.limits.by_wheels(kappa, 1.0));
+        for (place, ratio) in state.places.iter().zip(state.ratios).take(self.axles) {
+            let kappa = state.curve.kappa(*place);
+            speed = lesser(speed, self.limits.by_wheels(kappa, ratio));
         }
         let end = state.curve.end(state.direction);
         lesser(speed, self.limits.by_wheels(end.kappa, 1.0))
@@ -676,12 +692,9 @@ impl Train {
                 }
             }
         } else {
-            let next = self.places(state, self.pitch);
-            for (i, reference) in references.iter_mut().enumerate().take(self.axles) {
-                let place = state.place(i);
-                let sample = state.curve.at(place);
-                let ahead = next.get(i).copied().unwrap_or(place);
-                let ratio = sign * (ahead - place) / self.pitch;
+            let own = state.ratios.iter().enumerate().take(self.axles);
+            for (reference, (i, ratio)) in references.iter_mut().zip(own) {
+                let sample = state.curve.at(state.place(i));
                 let (v, v_rate) = (ratio * v, ratio * v_rate);
                 let kappa = sample.knot.kappa;
                 *reference = AxleReference {

@@ -434,7 +434,11 @@ impl RobotFusion {
             &matrix::propagate(&chain.by_relative, &whole.covariance),
         );
         let robot = Estimate::new(chain.posture, covariance);
-        *state = self.start(&robot, &whole, state.floor_drift);
+        *state = State {
+            // The pairs of a chain keep their turns, and this epoch has a second step.
+            until_condition: state.until_condition.saturating_add(1),
+            ..self.start(&robot, &whole, state.floor_drift)
+        };
         self.step(state, &Inputs::default())
     }
 

@@ -610,6 +610,25 @@ fn reported_motion_of_o_is_by_odometry_alone() {
     }
 }
 
+/// Pairs that condition in different ticks still do after an axle of both has restarted.
+#[test]
+fn restarted_pair_keeps_its_turn_of_conditioning() {
+    let fusion = fusion(Mode::Joint);
+    let turn = |restarts: bool| {
+        let mut state = start(&fusion, Posture::ORIGIN);
+        let turns = (0..200u8).filter(|tick| {
+            let last = fusion.step(&mut state, &inputs(forward(), Some(straight())));
+            if restarts && *tick == 20 {
+                fusion.rejoin(&mut state, PairAxle::Front, &last, &straight());
+            }
+            fusion.prepare(&mut state)
+        });
+        turns.collect::<Vec<_>>()
+    };
+    assert_eq!(turn(true), turn(false));
+    assert_eq!(turn(true).len(), 3);
+}
+
 #[test]
 fn robot_restarts_from_one_axle_and_the_beam() {
     let shape = Posture::new(0.35, 0.06, 0.3);
