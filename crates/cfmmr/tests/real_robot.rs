@@ -67,6 +67,7 @@ impl Port {
 
 /// Robot with its boards at ports, simulated in a thread until dropped.
 struct RobotBench {
+    topology: Topology,
     folder: TempDir,
     done: Arc<AtomicBool>,
     /// Switches the boards off for 0.5 s if true.
@@ -83,17 +84,19 @@ impl RobotBench {
     /// Robot with failures of boards.
     fn with(scenario: &Scenario, loose: bool, failures: Vec<Failure>) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut ports = Role::PAIR.map(|role| Port {
-            name: folder.path().join(Topology::PAIR.name(role)),
+        let topology = scenario.robot.topology();
+        let port = |role| Port {
+            name: folder.path().join(topology.name(role)),
             wire: None,
-        });
+        };
+        let mut ports: Vec<Port> = topology.boards().map(port).collect();
         ports.iter_mut().for_each(|port| port.plug(true));
         let images = Images::open(None, None).unwrap();
         let options = Options {
             host: false,
             ..Options::default()
         };
-        let logs = BoardLog::quiet(Topology::PAIR);
+        let logs = BoardLog::quiet(topology);
         let mut robot = VirtualRobot::new(scenario, &images, 1, 0, &options, &logs).unwrap();
         robot.plan(failures, None);
         let done = Arc::new(AtomicBool::new(false));
@@ -117,7 +120,7 @@ impl RobotBench {
                 let since = moved.map_or(0, |moved| robot.now() - moved);
                 ports[0].plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
-                for (role, port) in Role::PAIR.into_iter().zip(&mut ports) {
+                for (role, port) in topology.boards().zip(&mut ports) {
                     // Reading fails while the host has not opened its end of the terminal.
                     let count = port
                         .wire
@@ -133,6 +136,7 @@ impl RobotBench {
             robot
         });
         Self {
+            topology,
             folder,
             done,
             cycle,
@@ -155,10 +159,18 @@ impl RobotBench {
         program::command(folder, &format!("{arguments} --on serial:{front}"))
     }
 
+    /// Option of the number of axles, if it is not the default.
+    fn axles(&self) -> String {
+        match self.topology.axle_count() {
+            2 => String::new(),
+            count => format!(" --axles {count}"),
+        }
+    }
+
     /// Port of a board, in the form for `--on serial:`.
     fn port(&self, role: Role) -> String {
-        let port = self.folder.path().join(Topology::PAIR.name(role));
-        format!("{}={}", Topology::PAIR.name(role), port.display())
+        let name = self.topology.name(role);
+        format!("{name}={}", self.folder.path().join(name).display())
     }
 
     fn run(&self, folder: &Path, arguments: &str) -> Run {
@@ -372,7 +384,7 @@ fn python_client_drives_a_robot_to_its_goal() {
     let bench = RobotBench::at_origin(false);
     let client = Command::new(tools.out.trim())
         .arg(root.join("tools/client/drive.py"))
-        .arg(bench.folder.path().join(Topology::PAIR.name(Role::LEAD)))
+        .arg(bench.folder.path().join(bench.topology.name(Role::LEAD)))
         .args(["0.3", "-0.1", "-0.2"])
         .output();
     let run = Run::from(client.unwrap()).ends_with(0);
@@ -528,25 +540,40 @@ fn robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
 /// Parameters of all boards, read through the port of the front board.
 fn parameters(bench: &RobotBench) -> Value {
     let folder = tempfile::tempdir().unwrap();
-    let run = bench.run(folder.path(), "params list --json -");
+    let run = bench.run(
+        folder.path(),
+        &format!("params list{} --json -", bench.axles()),
+    );
     run.ends_with(0).json()["parameters"].clone()
 }
 
 /// Each board keeps parameters saved through the port of the front board; a new robot imports them.
 #[test]
-fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
+fn parameters_of_all_boards_pass_the_port_of_the_front_board() {
+    for axles in [2, 3] {
+        parameters_pass_the_port_of_the_front_board(axles);
+    }
+}
+
+fn parameters_pass_the_port_of_the_front_board(axles: u32) {
     let folder = tempfile::tempdir().unwrap();
-    let run =
-        |bench: &RobotBench, arguments: &str| bench.run(folder.path(), arguments).ends_with(0);
-    let scenario = Scenario::in_world(Some("ordinary")).unwrap();
+    let mut scenario = Scenario::in_world(Some("ordinary")).unwrap();
+    scenario.robot.geometry.axles = axles;
     let bench = RobotBench::new(&scenario, false);
+    let run = |bench: &RobotBench, arguments: &str| {
+        let arguments = format!("{arguments}{}", bench.axles());
+        bench.run(folder.path(), &arguments).ends_with(0)
+    };
     let before = parameters(&bench);
-    for (board, radius) in [("front", "0.0731"), ("rear", "0.0732"), ("beam", "0.0733")] {
+    let mut wanted = Vec::new();
+    for (k, role) in bench.topology.boards().enumerate() {
+        let (board, radius) = (bench.topology.name(role), 0.0731 + 1e-4 * k as f32);
         let value = format!("robot.geometry.wheel_radius_m={radius}");
         run(
             &bench,
             &format!("params set {value} --save --board {board}"),
         );
+        wanted.push((Value::from(board), radius));
     }
     bench.cycle.store(true, Relaxed);
     let kept = parameters(&bench);
@@ -564,12 +591,13 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
             ));
         }
     }
-    let wanted = [("front", 0.0731f32), ("rear", 0.0732), ("beam", 0.0733)];
-    assert_eq!(changed, wanted.map(|(board, value)| (board.into(), value)));
+    assert_eq!(changed, wanted);
     run(&bench, "params export --out robot.toml");
     drop(bench);
 
-    let new = RobotBench::new(&Scenario::default(), false);
+    let mut scenario = Scenario::default();
+    scenario.robot.geometry.axles = axles;
+    let new = RobotBench::new(&scenario, false);
     assert_ne!(parameters(&new), kept);
     run(&new, "params import robot.toml --save");
     new.cycle.store(true, Relaxed);

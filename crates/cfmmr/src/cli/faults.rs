@@ -63,7 +63,7 @@ fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Err
             .any(|entry| entry.name.contains(only.as_str()))
     };
     if let Some(only) = args.only.iter().find(unknown) {
-        let names: Vec<&str> = possible.iter().map(|entry| entry.name).collect();
+        let names: Vec<&str> = possible.iter().map(|entry| entry.name.as_str()).collect();
         return Err(Error::input(format!(
             "--only {only}: no fault has this text in its name; the faults are: {}{}",
             names.join(", "),

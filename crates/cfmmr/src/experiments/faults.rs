@@ -24,7 +24,7 @@ const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
 #[derive(Clone, Debug, Serialize)]
 pub struct FaultRow {
     /// Name of the fault.
-    pub fault: &'static str,
+    pub fault: String,
     /// Signal or part that the fault changes.
     pub seam: &'static str,
     /// Number of different times at which the fault comes.
@@ -48,7 +48,7 @@ impl FaultRow {
         let driven = matches!(entry.kind, RunKind::Drive(_) | RunKind::Model(_));
         let may_stop = driven && (!entry.goes_on || !entry.codes.is_empty());
         Self {
-            fault: entry.name,
+            fault: entry.name.clone(),
             seam: entry.seam,
             times: times.len(),
             cases: outcomes.iter().map(|run| run.cases).sum(),
@@ -153,7 +153,7 @@ impl FaultsReport {
              - Seams *samples*, *frames*, *boards* and *plant*: the boards run in this process and the robot drives to its\n\
              goal. The fault comes {} s after the start. `cfmmr faults` prints these rows alone; it needs no images.\n\
              - The other seams: the default images run on [virtual boards](virtual_boards.md). The fault comes {} s after\n\
-             the start.\n\
+             the start; on a robot of three or more axles, which plans first, after its first motion.\n\
              - *Cases*: instants or damages that the seeds together try; a seed counts as one run.\n\n\
              A run has one of these ends:\n\n\
              - *Goes on*: the true goal error is within {:.0} cm and {:.0}°, or within the estimated 95 % error if that is larger.\n\
@@ -195,7 +195,7 @@ impl FaultsReport {
         let stops = self
             .rows
             .iter()
-            .filter_map(|row| Some((row.off_s()?, row.fault)));
+            .filter_map(|row| Some((row.off_s()?, &row.fault)));
         let longest = stops.max_by(|a, b| a.0.total_cmp(&b.0));
         let longest = longest.map_or(String::new(), |(off_s, fault)| {
             format!(" Longest time to motors off: {off_s:.3} s (*{fault}*).")
@@ -213,7 +213,7 @@ impl FaultsReport {
         let mut text = String::new();
         for row in &self.rows {
             for (run, why) in row.wrong() {
-                let (name, seed, after) = (row.fault, run.seed, run.after_ms);
+                let (name, seed, after) = (&row.fault, run.seed, run.after_ms);
                 let _ = writeln!(text, "{name}, seed {seed}, {after} ms: {why}");
             }
         }

@@ -1,18 +1,24 @@
 //! Robot under test. A fault acts on its boards, sensors, motors and bus through this module.
 
-use super::{Campaign, INNER_AXLE, INNER_FRAME};
+use super::{AXLE, Campaign, frame};
 use crate::board_log::BoardLog;
 use crate::virtual_robot::axle::AxleBoard;
 use crate::virtual_robot::beam::BeamBoard;
 use crate::virtual_robot::{Options, VirtualRobot};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
+use host_sim::run::robot::Robot;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::core::{System, Transfer};
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
+
+/// Longest time from the press of the button to the first motion of a robot that plans, ms.
+const LONGEST_PLANNING_MS: u64 = 5_000;
+/// Speed of an axle above which the robot moves, m/s.
+const MOVING_M_S: f64 = 0.02;
 
 /// Robot and the board that a fault affects.
 #[derive(Clone)]
@@ -74,6 +80,17 @@ impl FaultBench {
         self.robot.press();
     }
 
+    /// Presses the button. A robot of three or more axles plans before it drives: waits for its first motion.
+    pub fn begin_drive(&mut self) {
+        self.press();
+        for _ in 0..LONGEST_PLANNING_MS {
+            if !self.has_inner_axle() || self.robot.speed() > MOVING_M_S {
+                return;
+            }
+            self.run_for(1);
+        }
+    }
+
     /// Random number below `end`.
     pub fn draw(&mut self, end: u64) -> u64 {
         self.random.random_range(0..end)
@@ -94,7 +111,7 @@ impl FaultBench {
     /// becomes the affected board.
     pub fn wheel(&mut self) -> (Role, usize) {
         let (role, side) = match self.has_inner_axle() {
-            true => (Role::Axle(INNER_AXLE), self.seed),
+            true => (Role::Axle(AXLE), self.seed),
             false => (Role::axle((self.seed % 2) as u8), self.seed / 2),
         };
         self.affected = Some(role);
@@ -103,16 +120,13 @@ impl FaultBench {
 
     /// Board of the frame at which faults occur.
     pub fn frame(&self) -> Role {
-        match self.has_inner_axle() {
-            true => Role::Beam(INNER_FRAME),
-            false => Role::beam(0),
-        }
+        Role::Beam(frame(self.robot.topology))
     }
 
     /// Board selected by the seed, of the second axle and the frame behind it if the robot has three or more axles. The
     /// board becomes the affected board.
     pub fn any(&mut self) -> Role {
-        let inner = [Role::Axle(INNER_AXLE), self.frame()];
+        let inner = [Role::Axle(AXLE), self.frame()];
         let boards = match self.has_inner_axle() {
             true => &inner[..],
             false => &self.robot.roles,

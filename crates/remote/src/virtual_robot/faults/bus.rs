@@ -97,10 +97,10 @@ fn intruders() -> Vec<Entry> {
 fn clocks() -> Vec<Entry> {
     entries! {
         "front board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::LEAD, 200_000).goes_on();
-        "rear board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::axle(1), 200_000).goes_on();
-        "beam board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::beam(0), 200_000).goes_on();
+        "{axle} board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::axle(1), 200_000).goes_on();
+        "{frame} board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::beam(0), 200_000).goes_on();
         // A frequency error of 1.2 % is too large for the board's ticks. The bus works: edges are at most ten bits
         // apart.
-        "beam board 1.2 % fast", "crystal", start(&[]).fast(Role::beam(0), 12_000_000).unready();
+        "{frame} board 1.2 % fast", "crystal", start(&[]).fast(Role::beam(0), 12_000_000).unready();
     }
 }

@@ -1,7 +1,7 @@
 //! Fault of the catalogue: its name, its run and the permitted outcomes.
 
 use super::bench::FaultBench;
-use super::{Campaign, INNER_AXLE, INNER_FRAME};
+use super::{AXLE, Campaign, frame};
 use crate::virtual_robot::Options;
 use core_algos::safety::Condition;
 use core_algos::topology::{Role, Topology};
@@ -66,8 +66,8 @@ pub enum RunKind {
 /// A fault and its permitted outcomes.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Name of the fault in tables.
-    pub name: &'static str,
+    /// Name of the fault in tables; `{axle}` and `{frame}` in the lists are the names of the struck boards.
+    pub name: String,
     /// Component or signal at which the fault occurs.
     pub seam: &'static str,
     /// How the fault is run, with its acts.
@@ -78,6 +78,8 @@ pub struct Entry {
     pub codes: Vec<Condition>,
     /// Limit of the time from the fault until all motors are off, s.
     pub off_within_s: f64,
+    /// Addition to this limit for a robot of three or more axles, s.
+    pub longer_in_chain_s: f64,
     /// Limit of the time from the fault to the last PWM pulse of the affected axle, s; `None` without a limit.
     pub own_within_s: Option<f64>,
     /// True if the affected board must restart and report the restart.
@@ -106,7 +108,7 @@ pub struct Entry {
 
 /// Longest time for which a robot of three or more axles stands before its drive, s: it builds its curve and plans. A
 /// wheel that stands shows no fault.
-const PLANNING_S: f64 = 1.3;
+pub const PLANNING_S: f64 = 1.3;
 
 /// Moves a fault of samples, frames or plant to the second axle or the frame behind it.
 fn inside(fault: &mut Fault, robot: Topology) {
@@ -117,25 +119,25 @@ fn inside(fault: &mut Fault, robot: Topology) {
                 config.late_ms = vec![late; robot.board_count()];
             }
         }
-        Fault::Loss(board) if board.is_beam() => *board = Role::Beam(INNER_FRAME),
+        Fault::Loss(board) if board.is_beam() => *board = Role::Beam(frame(robot)),
         Fault::EncoderStuck(wheel)
         | Fault::EncoderMissing(wheel)
         | Fault::EncoderJumps { wheel, .. }
         | Fault::MotorWeak { wheel, .. }
         | Fault::MotorStuckOn { wheel, .. }
-        | Fault::WheelLifted(wheel) => wheel.axle = INNER_AXLE.index(),
+        | Fault::WheelLifted(wheel) => wheel.axle = AXLE.index(),
         Fault::EncodersSwapped(axle)
         | Fault::GyroNotANumber(axle)
         | Fault::GyroBias { axle, .. }
         | Fault::AccelerometerMissing(axle)
-        | Fault::Reported { axle, .. } => *axle = INNER_AXLE.index(),
+        | Fault::Reported { axle, .. } => *axle = AXLE.index(),
         Fault::GaugeRail { .. }
         | Fault::GaugeStuck(_)
         | Fault::GaugesShifted(_)
         | Fault::GaugeDrift { .. }
         | Fault::FrameSnapped => {
             *fault = Fault::OfFrame {
-                frame: INNER_FRAME.index(),
+                frame: frame(robot).index(),
                 fault: Box::new(fault.clone()),
             };
         }
@@ -153,14 +155,15 @@ fn inside(fault: &mut Fault, robot: Topology) {
 pub const STOP_S: f64 = 2.2;
 
 impl Entry {
-    fn new(name: &'static str, seam: &'static str, kind: RunKind) -> Self {
+    fn new(name: &str, seam: &'static str, kind: RunKind) -> Self {
         Self {
-            name,
+            name: name.to_owned(),
             seam,
             kind,
             goes_on: false,
             codes: Vec::new(),
             off_within_s: STOP_S,
+            longer_in_chain_s: 0.0,
             own_within_s: None,
             restarts: false,
             resets: |_| false,
@@ -176,36 +179,25 @@ impl Entry {
         }
     }
 
-    /// The fault at the second axle of a robot of three or more axles, or at the frame behind that axle. Faults of the
-    /// front board remain faults of the front board.
-    pub(super) fn inside(mut self, robot: Topology) -> Self {
-        self.name = match self.name {
-            "rear board lost" => "axle-2 board lost",
-            "rear board 200 ppm fast" => "axle-2 board 200 ppm fast",
-            "rear board a second later" => "axle-2 board a second later",
-            "rear clock slow by 0.02 %, no common time" => {
-                "axle-2 clock slow by 0.02 %, no common time"
-            }
-            "rear clock slow by 0.2 %, no common time" => {
-                "axle-2 clock slow by 0.2 %, no common time"
-            }
-            "beam board lost" => "beam-2 board lost",
-            "beam board 200 ppm fast" => "beam-2 board 200 ppm fast",
-            "beam board 1.2 % fast" => "beam-2 board 1.2 % fast",
-            "beam board a second later" => "beam-2 board a second later",
-            name => name,
-        };
+    /// The fault at an axle or frame of `robot`: at that of [`AXLE`] and [`frame`]. Faults of the front board remain
+    /// faults of the front board.
+    pub(super) fn of(mut self, robot: Topology) -> Self {
+        let struck = Role::Beam(frame(robot));
+        let name = self.name.replace("{axle}", robot.name(Role::Axle(AXLE)));
+        self.name = name.replace("{frame}", robot.name(struck));
         let beam = |role: &mut Role| {
             if role.is_beam() {
-                *role = Role::Beam(INNER_FRAME);
+                *role = struck;
             }
         };
         self.fast_ppb.iter_mut().for_each(|(role, _)| beam(role));
         self.late_ms.iter_mut().for_each(|(role, _)| beam(role));
-        if let RunKind::Model(fault) = &mut self.kind {
-            inside(fault, robot);
+        if robot != Topology::PAIR {
+            self.off_within_s += self.longer_in_chain_s;
+            if let RunKind::Model(fault) = &mut self.kind {
+                inside(fault, robot);
+            }
         }
-        self.off_within_s += PLANNING_S;
         self
     }
 
@@ -220,27 +212,27 @@ impl Entry {
     }
 
     /// Run with one act while the robot drives.
-    pub fn drive(name: &'static str, seam: &'static str, act: Act) -> Self {
+    pub fn drive(name: &str, seam: &'static str, act: Act) -> Self {
         Self::steps(name, seam, &[at(0, act)])
     }
 
     /// Run with several acts; the first occurs while the robot drives.
-    pub fn steps(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
+    pub fn steps(name: &str, seam: &'static str, steps: &[TimedAct]) -> Self {
         Self::new(name, seam, RunKind::Drive(steps.to_vec()))
     }
 
     /// Run from power-on with these acts.
-    pub fn start(name: &'static str, seam: &'static str, steps: &[TimedAct]) -> Self {
+    pub fn start(name: &str, seam: &'static str, steps: &[TimedAct]) -> Self {
         Self::new(name, seam, RunKind::Start(steps.to_vec()))
     }
 
     /// Run that is a trial of a single board.
-    pub fn board_trial(name: &'static str, seam: &'static str, trial: BoardTrial) -> Self {
+    pub fn board_trial(name: &str, seam: &'static str, trial: BoardTrial) -> Self {
         Self::new(name, seam, RunKind::BoardTrial(trial)).goes_on()
     }
 
     /// Run of a robot with its boards in this process and a fault of samples, frames or plant.
-    pub fn model(name: &'static str, seam: &'static str, fault: Fault) -> Self {
+    pub fn model(name: &str, seam: &'static str, fault: Fault) -> Self {
         Self::new(name, seam, RunKind::Model(fault))
     }
 
@@ -264,6 +256,12 @@ impl Entry {
     /// Sets the limit of the time until all motors are off, s.
     pub fn within(mut self, seconds: f64) -> Self {
         self.off_within_s = seconds;
+        self
+    }
+
+    /// Extends the limit of the time until all motors are off for a robot of three or more axles, s.
+    pub fn longer_in_chain(mut self, seconds: f64) -> Self {
+        self.longer_in_chain_s = seconds;
         self
     }
 

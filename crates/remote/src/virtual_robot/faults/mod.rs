@@ -40,7 +40,7 @@ use core_algos::topology::{AxleId, FrameId, Topology};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 
-/// All faults of a robot, in the order in which tables list them. Of a robot of three or more axles the faults of a rear
+/// All faults of a robot, in the order in which tables list them. Of a robot of three or more axles the faults of an
 /// axle, a wheel or a frame are those of the second axle and of the frame behind it: its boards have neighbours on both
 /// sides.
 pub fn catalogue(robot: Topology) -> Vec<Entry> {
@@ -56,16 +56,19 @@ pub fn catalogue(robot: Topology) -> Vec<Entry> {
         starts::entries(),
     ]
     .concat();
-    match robot == Topology::PAIR {
-        true => entries,
-        false => entries.into_iter().map(|it| it.inside(robot)).collect(),
-    }
+    entries.into_iter().map(|it| it.of(robot)).collect()
 }
 
-/// Axle at which faults of an axle occur on a robot of three or more axles.
-const INNER_AXLE: AxleId = AxleId(1);
-/// Frame at which faults of a frame occur on a robot of three or more axles.
-const INNER_FRAME: FrameId = FrameId(1);
+/// Axle at which faults of an axle occur, unless the seed selects the axle.
+const AXLE: AxleId = AxleId(1);
+
+/// Frame at which faults of a frame occur.
+const fn frame(robot: Topology) -> FrameId {
+    match robot.frame_count() {
+        1 => FrameId(0),
+        _ => FrameId(1),
+    }
+}
 
 /// Settings of all runs of the fault campaign.
 #[derive(Clone)]

@@ -1,7 +1,7 @@
 //! Faults of samples, frames and plant of a robot with boards in this process, and their runs.
 
 use super::Campaign;
-use super::entry::{Entry, entries};
+use super::entry::{Entry, PLANNING_S, entries};
 use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::sensors::WHEELS;
 use core_algos::bus::LeadMode;
@@ -43,6 +43,8 @@ const CORRUPTION: &[Condition] = &[
 const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
 /// Permitted reasons of a stop after the frame has snapped.
 const SNAPPED: &[Condition] = &[EstimateInconsistent, FrameBent, WrenchHigh, TrackingLost];
+/// Time for which a frame of a chain may stay straight before it shows that it has snapped, s.
+const STRAIGHT_S: f64 = 4.0;
 /// Limit of the time from the loss of the beam to the stop, s.
 const BEAM_S: f64 = 22.0;
 /// Limit of the time to the stop if only the estimate reveals the fault, s.
@@ -81,12 +83,12 @@ fn frames() -> Vec<Entry> {
             .within(SLOW_S);
         "front board resets", "boards", model(Reset { board: Role::LEAD, off_ms: 200 }).stops(SILENCE).within(1.5);
         "front board lost", "boards", model(Loss(Role::LEAD)).stops(SILENCE).within(1.5);
-        "rear board lost", "boards", model(Loss(Role::axle(1))).stops(SILENCE).within(1.5);
-        "beam board lost", "boards", model(Loss(Role::beam(0))).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
+        "{axle} board lost", "boards", model(Loss(Role::axle(1))).stops(SILENCE).within(1.5);
+        "{frame} board lost", "boards", model(Loss(Role::beam(0))).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
         "front board freezes 0.3 s", "boards", model(Freeze { board: Role::LEAD, ms: 300 }).stops(SILENCE).within(1.8);
-        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 5000 }).goes_on()
+        "{axle} clock slow by 0.02 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 5000 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
-        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 500 }).goes_on()
+        "{axle} clock slow by 0.2 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 500 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
     }
 }
@@ -101,7 +103,7 @@ fn samples() -> Vec<Entry> {
         "all gauges dead", "samples", model(GaugeRail { count: 5, rail: Rail::Zero }).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
         "gauge stuck", "samples", model(GaugeStuck(2)).goes_on().stops(GAUGES).within(BEAM_S);
         "gauge drifts", "samples", model(GaugeDrift { gauge: 2, counts_per_s: 40.0 }).goes_on().stops(GAUGES).within(BEAM_S);
-        "encoder stuck", "samples", model(EncoderStuck(wheel(1, Side::Left))).stops(WHEELS);
+        "encoder stuck", "samples", model(EncoderStuck(wheel(1, Side::Left))).stops(WHEELS).longer_in_chain(PLANNING_S);
         "encoder jumps", "samples", model(EncoderJumps { wheel: wheel(0, Side::Left), counts: 500 }).goes_on().stops(WHEELS);
         "encoders swapped", "samples", model(EncodersSwapped(1)).goes_on().stops(WHEELS).within(SLOW_S);
         "encoder missing", "samples", model(EncoderMissing(wheel(0, Side::Right))).stops(WHEELS).within(1.5);
@@ -118,7 +120,8 @@ fn plant() -> Vec<Entry> {
         "motor weak", "plant", model(MotorWeak { wheel: wheel(1, Side::Right), share: 0.3 }).goes_on().stops(WHEELS).within(SLOW_S);
         "motor stuck on", "plant", model(MotorStuckOn { wheel: wheel(0, Side::Right), torque_n_m: 1.5 }).stops(WHEELS).within(3.5);
         "wheel lifted", "plant", model(WheelLifted(wheel(1, Side::Left))).goes_on().stops(WHEELS).within(SLOW_S);
-        "frame snapped", "plant", model(FrameSnapped).stops(SNAPPED).within(3.0);
+        "frame snapped", "plant", model(FrameSnapped).stops(SNAPPED).within(3.0)
+            .longer_in_chain(STRAIGHT_S);
     }
 }
 
@@ -152,11 +155,17 @@ struct FaultObserver {
 impl FaultObserver {
     /// Description of a bound exceeded for longer than [`MAX_BEYOND_TICKS`]; `None` if no bound was.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
-        let force = simulation.plant().wrench(0).force;
+        let plant = simulation.plant();
+        let mut forces = (0..plant.frame_count()).map(|frame| {
+            let [x, y] = plant.wrench(frame).force;
+            libm::hypot(x, y)
+        });
+        // Also a force that is not a number.
+        let high = forces.find(|force| !(*force <= BOUNDS[2]));
         let values = [
             simulation.speed(),
             simulation.steering().abs(),
-            libm::hypot(force[0], force[1]),
+            high.unwrap_or(0.0),
         ];
         let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {

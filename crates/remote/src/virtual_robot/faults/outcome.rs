@@ -9,7 +9,7 @@ use serde::{Serialize, Serializer};
 pub struct FaultCase<'a> {
     /// Fault of the case, with its permitted outcomes.
     pub entry: &'a Entry,
-    /// Time of the fault after the button was pressed or the task was given, ms.
+    /// Time of the fault after the start, ms.
     pub after_ms: u64,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -32,7 +32,7 @@ pub enum End {
 pub struct Outcome {
     /// Seed of all random numbers of the run.
     pub seed: u64,
-    /// Time of the fault, ms after the button was pressed or the task was given.
+    /// Time of the fault after the start, ms.
     pub after_ms: u64,
     /// How the run ended.
     pub end: End,

@@ -27,14 +27,14 @@ const READY_MS: u64 = 1_500;
 const READY_HOLD_MS: u64 = 100;
 /// Time that a started robot drives, ms.
 const DRIVE_MS: u64 = 400;
-/// Postures of the robot without a fault, by ms since the press of the button.
+/// Postures of the robot without a fault, by ms since the start.
 pub type Reference = Vec<[f64; 3]>;
 
 /// Postures of an undisturbed run, long enough for every case.
 pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
     let mut bench = FaultBench::new(campaign, Options::default(), seed)?;
     bench.robot.boot(&Options::default())?;
-    bench.press();
+    bench.begin_drive();
     let ticks = longest_ms + OBSERVATION_MS + 1_000;
     Ok((0..ticks)
         .map(|_| {

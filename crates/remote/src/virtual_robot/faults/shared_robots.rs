@@ -56,7 +56,7 @@ impl Group {
         let mut bench = FaultBench::new(campaign, self.options.clone(), self.seed)?;
         let before = stores(&mut bench);
         bench.robot.boot(&self.options)?;
-        bench.press();
+        bench.begin_drive();
         bench.run_for(self.after_ms);
         Ok((bench, before))
     }

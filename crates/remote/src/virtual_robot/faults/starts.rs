@@ -41,8 +41,8 @@ fn orders() -> Vec<Entry> {
     entries! {
         "boards powered together", "power", start(&[]).goes_on();
         "front board a second later", "power", start(&[]).late(Role::LEAD, 1000).goes_on();
-        "rear board a second later", "power", start(&[]).late(Role::axle(1), 1000).goes_on();
-        "beam board a second later", "power", start(&[]).late(Role::beam(0), 1000).goes_on();
+        "{axle} board a second later", "power", start(&[]).late(Role::axle(1), 1000).goes_on();
+        "{frame} board a second later", "power", start(&[]).late(Role::beam(0), 1000).goes_on();
         "a board powered twice", "power", start(&[
             at(120, |b| {
                 let role = b.any();
@@ -103,7 +103,7 @@ fn others() -> Vec<Entry> {
         "slow oscillators at 17 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 17_000).goes_on();
         "slow oscillators at 47 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 47_000).goes_on();
         "internal oscillators 4 % slow", "HSI", start(&[]).vary(|_, chip| chip.internal_hz = 15_360_000).goes_on();
-        "strap of the rear board broken: two front boards", "PC13", start(&[at(0, |b| {
+        "strap of the {axle} board broken: two front boards", "PC13", start(&[at(0, |b| {
             b.axle(Role::axle(1), |axle, _| axle.strap(false));
         })]).check(names_the_role);
         "emergency stop open from the start", "contact", start(&[at(0, |b| {
