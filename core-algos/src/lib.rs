@@ -1,5 +1,5 @@
-//! Control, estimation and node state machines of a two-axle compliant-framed wheeled modular
-//! mobile robot (CFMMR).
+//! Control, estimation and node state machines of a compliant-framed wheeled modular mobile robot
+//! (CFMMR) of two to five axles.
 //!
 //! # Contract
 //!

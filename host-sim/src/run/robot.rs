@@ -89,15 +89,16 @@ impl Record {
         }
     }
 
-    /// Copy of the record; estimated postures and frames replace an unknown true state.
+    /// Copy of the record; estimated postures and frames replace an unknown true state, once every axle has an estimate.
     pub fn with_estimate(&self) -> Self {
         let mut record = self.clone();
-        if !self.midpoint[0].is_nan() {
+        let estimated: Vec<Posture> = estimated_axles(&self.lead).collect();
+        if !self.midpoint[0].is_nan() || estimated.len() != self.axles.len() {
             return record;
         }
         let posture = |at: Posture| [at.x, at.y, at.phi].map(f64::from);
         record.midpoint = posture(self.lead.fused.robot.posture);
-        for (axle, at) in record.axles.iter_mut().zip(estimated_axles(&self.lead)) {
+        for (axle, at) in record.axles.iter_mut().zip(estimated) {
             axle.posture = posture(at);
         }
         record.bend_frames();
@@ -165,7 +166,7 @@ impl Record {
     }
 }
 
-/// Estimated postures of the axles, front first.
+/// Estimated postures of the axles, front first; without those of inner axles that have no estimate.
 pub fn estimated_axles(lead: &lead::Output) -> impl Iterator<Item = Posture> {
     let fused = &lead.fused;
     let inner = lead.inner.into_iter().flatten();
@@ -422,6 +423,27 @@ fn has_stopped(robot: &impl Robot, task: Task) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Before the inner axles have estimates, no axle has one.
+    #[test]
+    fn estimates_of_some_axles_are_not_those_of_others() {
+        let robot = Topology::new(4).unwrap();
+        let mut lead = lead::Output::default();
+        let at = |x: f32| Posture::new(x, 0.0, 0.0);
+        (lead.fused.front.posture, lead.fused.rear.posture) = (at(3.0), at(1.0));
+        lead.inner[0] = Some(at(2.0));
+        let axles = |lead| {
+            let record = Record::without_truth(0, robot, lead).with_estimate();
+            record
+                .axles
+                .iter()
+                .map(|axle| axle.posture[0])
+                .collect::<Vec<_>>()
+        };
+        assert!(axles(lead).iter().all(|x| x.is_nan()));
+        lead.inner[1] = Some(at(1.5));
+        assert_eq!(axles(lead), [3.0, 2.0, 1.5, 1.0]);
+    }
 
     #[test]
     fn strip_begins_and_ends_at_the_axles_along_their_headings() {

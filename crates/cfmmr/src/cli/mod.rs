@@ -57,8 +57,8 @@ use std::ffi::OsString;
 use std::io::{self, IsTerminal};
 use world::WorldArgs;
 
-/// Control and sensing of a two-axle compliant-framed mobile robot: the code of the boards drives a
-/// simulated robot.
+/// Control and sensing of a compliant-framed mobile robot of two to five axles: the code of the
+/// boards drives a simulated robot.
 ///
 /// Without a command, `cfmmr` runs `cfmmr posture`: the robot drives from (-1.342 m, -1.342 m, 0°)
 /// to the origin, with and without strain gauges.
