@@ -42,6 +42,14 @@ pub(crate) mod mutant {
 }
 "#;
 
+/// Folders of core-algos and of the crates of the workspace that it and its tests use.
+const MEMBERS: [&str; 4] = [
+    "core-algos",
+    "crates/declare",
+    "crates/plant",
+    "crates/square-root",
+];
+
 /// Copy of core-algos in which the changes are made.
 pub struct Tree {
     folder: PathBuf,
@@ -66,7 +74,7 @@ impl Tree {
                 "Cargo.lock",
                 "rust-toolchain.toml",
             ])
-            .args(["core-algos", "crates/declare", "crates/square-root"])
+            .args(MEMBERS)
             .current_dir(root)
             .output()
             .context("git ls-files")?;
@@ -76,13 +84,11 @@ impl Tree {
         }
         let workspace = fs::read_to_string(root.join("Cargo.toml"))?;
         let lines = workspace.lines().map(|line| match line {
-            _ if line.starts_with("members =") => {
-                r#"members = ["core-algos", "crates/declare", "crates/square-root"]"#
-            }
-            _ if line.starts_with("default-members =") => "",
-            _ => line,
+            _ if line.starts_with("members =") => format!("members = {MEMBERS:?}"),
+            _ if line.starts_with("default-members =") => String::new(),
+            _ => line.to_owned(),
         });
-        let workspace: Vec<&str> = lines.collect();
+        let workspace: Vec<String> = lines.collect();
         write(&folder.join("Cargo.toml"), workspace.join("\n").as_bytes())?;
         Ok(Self { folder })
     }
