@@ -94,6 +94,21 @@ impl Tolerance {
     pub fn holds(&self, [position, heading]: [f32; 2]) -> bool {
         position <= self.position_m && heading <= self.heading_rad
     }
+
+    /// This tolerance, wider by 60 % for each of `attempts` but at most that of the task, then `factor` times as wide.
+    pub(super) fn widened(&self, task: &Self, attempts: u8, factor: f32) -> Self {
+        let bound = |own: f32, task: f32| {
+            let mut bound = own;
+            for _ in 0..attempts {
+                bound *= WIDENING;
+            }
+            factor * bound.min(task.max(own))
+        };
+        Self {
+            position_m: bound(self.position_m, task.position_m),
+            heading_rad: bound(self.heading_rad, task.heading_rad),
+        }
+    }
 }
 
 /// Commanded motion, before the governor.
@@ -113,12 +128,19 @@ pub struct Output {
 
 /// Change of goal (m, rad) above which the regulator restarts. A smaller change moves the goal without a restart.
 const NEW_GOAL: (f32, f32) = (0.01, 0.02);
+
+/// True if a goal replaces another without a restart.
+pub(super) fn is_same_goal(before: Posture, goal: Posture) -> bool {
+    let [dx, dy, turn] = goal.minus(before);
+    dx * dx + dy * dy <= NEW_GOAL.0 * NEW_GOAL.0 && turn.abs() <= NEW_GOAL.1
+}
+
 /// Time outside the funnel after which the approach ends, s.
 const OUTSIDE_S: f32 = 0.1;
 /// Time without commanded motion after which the approach ends, s.
 const STALL_S: f32 = 1.0;
 /// Distance between two postures up to which a robot is stuck in the same place, m.
-const SAME_PLACE_M: f32 = 0.01;
+pub(super) const SAME_PLACE_M: f32 = 0.01;
 /// Factor by which each attempt widens the accepted errors.
 const WIDENING: f32 = 1.6;
 /// Remaining length at which a segment counts as driven, m.
@@ -176,11 +198,7 @@ impl Regulator {
 
     fn accept_goal(&self, state: &mut State, input: &Input) {
         let goal = input.goal;
-        let same = state.goal.is_some_and(|old| {
-            let [dx, dy, turn] = goal.minus(old);
-            dx * dx + dy * dy <= NEW_GOAL.0 * NEW_GOAL.0 && turn.abs() <= NEW_GOAL.1
-        });
-        if !same {
+        if !state.goal.is_some_and(|before| is_same_goal(before, goal)) {
             let kappa = state.kappa;
             *state = State {
                 goal: Some(goal),
@@ -274,16 +292,14 @@ impl Regulator {
     /// tolerance, because corrections of the estimate may exceed the accepted errors.
     fn reached(&self, state: &State, input: &Input, factor: f32) -> bool {
         let error = self.error(input);
-        let bound = |accepted: f32, tolerance: f32| {
-            let mut bound = accepted;
-            for _ in 0..state.attempts.min(self.config.max_attempts) {
-                bound *= WIDENING;
-            }
-            factor * bound.min(tolerance.max(accepted))
+        let accepted = Tolerance {
+            position_m: self.config.accept_distance_m,
+            heading_rad: self.config.accept_heading_rad,
         };
-        error.distance_m <= bound(self.config.accept_distance_m, input.within.position_m)
-            && error.heading().abs()
-                <= bound(self.config.accept_heading_rad, input.within.heading_rad)
+        let attempts = state.attempts.min(self.config.max_attempts);
+        accepted
+            .widened(&input.within, attempts, factor)
+            .holds([error.distance_m, error.heading().abs()])
     }
 
     /// Distance (m) that the governor needs from `speed` to rest once zero is commanded: first at its deceleration,

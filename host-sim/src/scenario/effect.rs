@@ -109,12 +109,17 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.lead.train":
         |scenario, used| scenario.robot.topology().frame_count() == 1 || used == Use::Replay =>
             "with two axles, nor in a replay; vary robot.lead.regulator or robot.lead.governor";
-    "robot.lead.regulator robot.lead.cascade robot.lead.course.law \
-     robot.lead.course.rest_speed_m_s robot.lead.governor.max_acceleration_m_s2 \
-     robot.lead.governor.stop_deceleration_m_s2 \
-     robot.lead.governor.max_steering_acceleration_rad_s2 robot.lead.governor.speed_rate_per_s \
-     robot.lead.governor.steering_frequency_rad_s robot.lead.governor.steering_tolerance_rad \
-     robot.lead.governor.reversal_hold_s robot.lead.governor.max_wheel_speed_m_s":
+    "robot.lead.regulator.strategy robot.lead.regulator.law robot.lead.regulator.approach \
+     robot.lead.regulator.planner robot.lead.regulator.planner_budget \
+     robot.lead.regulator.steering_tolerance_rad robot.lead.regulator.steering_timeout_s \
+     robot.lead.regulator.steering_wait_rad robot.lead.regulator.path_length_constant_m \
+     robot.lead.regulator.rest_speed_m_s robot.lead.regulator.steer_speed_m_s \
+     robot.lead.regulator.latch_distance_m robot.lead.regulator.leave_factor \
+     robot.lead.regulator.leave_slack_rad robot.lead.regulator.final_arc_m \
+     robot.lead.regulator.final_length_constant_m robot.lead.regulator.stop_margin_m \
+     robot.lead.regulator.stop_speed_m_s robot.lead.cascade robot.lead.course.law \
+     robot.lead.course.rest_speed_m_s robot.lead.governor.max_steering_acceleration_rad_s2 \
+     robot.lead.governor.steering_frequency_rad_s robot.lead.governor.steering_tolerance_rad":
         |scenario, _| scenario.robot.topology().frame_count() > 1 =>
             "with more than two axles; vary robot.lead.train";
     "robot.beam.segments":

@@ -6,7 +6,7 @@ use super::planner::Planner;
 use super::spacing::Link;
 use super::speed::Limits;
 use super::turn::Turns;
-use crate::config::{Allowed, ConfigError, declare, require};
+use crate::config::{ConfigError, declare};
 use crate::topology::MAX_AXLES;
 
 /// Knots of the curve for each frame.
@@ -32,35 +32,14 @@ declare! {
         pub planner_budget: u32 = 250, "": Positive;
         /// Speed of regulation.
         pub speed_m_s: f32 = 0.2, "m/s": Positive;
-        /// Largest acceleration, and deceleration ahead of stops.
-        pub acceleration_m_s2: f32 = 0.4, "m/s²": Range(0.01, 5.0);
-        /// Deceleration of a stop that was not foreseen; not less than the acceleration.
-        pub stop_deceleration_m_s2: f32 = 0.8, "m/s²": Range(0.01, 10.0);
-        /// Time constant at the end of acceleration and braking.
-        pub speed_lag_s: f32 = 1.0 / 6.0, "s": Range(0.01, 2.0);
-        /// Time at rest at a cusp.
-        pub reversal_hold_s: f32 = 0.1, "s": NonNegative;
-        /// Largest circumferential speed of any wheel.
-        pub max_wheel_speed_m_s: f32 = 0.6, "m/s": Range(0.02, 5.0);
         /// Distance of an axle from its reference at which the robot waits; it slows down from half of this distance.
         pub wait_m: f32 = 0.05, "m": Range(1e-3, 1.0);
         /// Distance of an axle from its reference, or of the curve from its path, beyond which a path is lost.
         pub max_deviation_m: f32 = 0.5, "m": Positive;
         /// Gain of the distance along a trajectory.
         pub trajectory_gain_per_s: f32 = 1.5, "1/s": Range(0.0, 10.0);
-        /// Time at rest before the posture is compared with the goal.
-        pub settle_time_s: f32 = 0.2, "s": Positive;
-        /// At rest, the goal counts as reached within this distance. Each renewed attempt allows 60 % more, up to the
-        /// tolerance of the goal.
-        pub accept_distance_m: f32 = 0.01, "m": Range(0.003, 0.5);
-        /// At rest, the goal counts as reached within this heading error; each renewed attempt allows 60 % more.
-        pub accept_heading_rad: f32 = 0.026, "rad": Range(1e-3, 1.0);
-        /// A reached goal is left when the error exceeds the accepted error by this factor.
-        pub release_factor: f32 = 2.5, "": Range(1.1, 100.0);
         /// Deviation of the curve from its plan at which a new plan is made.
         pub replan_deviation_m: f32 = 0.15, "m": Positive;
-        /// Renewed attempts before giving up.
-        pub max_attempts: u8 = 20, "": Range(0.0, 255.0);
         derived {
             /// Number of axles.
             pub axles: u8 = 3, "": Range(2.0, 5.0);
@@ -76,6 +55,26 @@ declare! {
             pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
             /// Half of the track of an axle (d).
             pub half_track_m: f32 = 0.162, "m": Positive;
+            /// Largest acceleration, and deceleration ahead of stops.
+            pub acceleration_m_s2: f32 = 0.4, "m/s²": Positive;
+            /// Deceleration of a stop that was not foreseen.
+            pub stop_deceleration_m_s2: f32 = 0.8, "m/s²": Positive;
+            /// Time constant at the end of acceleration and braking.
+            pub speed_lag_s: f32 = 1.0 / 6.0, "s": Positive;
+            /// Time at rest at a cusp.
+            pub reversal_hold_s: f32 = 0.1, "s": NonNegative;
+            /// Largest circumferential speed of any wheel.
+            pub max_wheel_speed_m_s: f32 = 0.6, "m/s": Positive;
+            /// Time at rest before the posture is compared with the goal.
+            pub settle_time_s: f32 = 0.2, "s": Positive;
+            /// Distance within which the goal counts as reached at rest; each renewed attempt allows 60 % more.
+            pub accept_distance_m: f32 = 0.01, "m": Positive;
+            /// Heading error within which the goal counts as reached at rest; each renewed attempt allows 60 % more.
+            pub accept_heading_rad: f32 = 0.026, "rad": Positive;
+            /// A reached goal is left when the error exceeds the accepted error by this factor.
+            pub release_factor: f32 = 2.5, "": Positive;
+            /// Renewed attempts before giving up.
+            pub max_attempts: u8 = 20, "": Range(0.0, 255.0);
         }
     }
 }
@@ -84,12 +83,6 @@ impl Config {
     /// Builds the validated train; the error names the invalid field.
     pub fn build(self) -> Result<Train, ConfigError> {
         self.check_ranges()?;
-        require(
-            self.stop_deceleration_m_s2 >= self.acceleration_m_s2,
-            "stop_deceleration_m_s2",
-            self.stop_deceleration_m_s2,
-            Allowed::Condition("not less than acceleration_m_s2"),
-        )?;
         let link = Link {
             length_m: self.frame_length_m,
             rigid_end_m: self.rigid_end_m,

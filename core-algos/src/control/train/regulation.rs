@@ -7,18 +7,11 @@
 use super::guide::OnLeg;
 use super::planner::{Plan, Progress, Robot, Search};
 use super::{Demand, State, Train};
-use crate::control::regulator::{Phase, Tolerance};
+use crate::control::regulator::{Phase, SAME_PLACE_M, Tolerance, is_same_goal};
 use crate::control::stuck::{STUCK_S, Stuck};
 use crate::math::Posture;
-use crate::math::lesser;
 use crate::time::EPOCH_S;
 
-/// Change of goal (m, rad) above which the regulation restarts. A smaller change moves plan and goal together.
-const NEW_GOAL: (f32, f32) = (0.01, 0.02);
-/// Distance between two postures up to which a robot is stuck in the same place, m.
-const SAME_PLACE_M: f32 = 0.01;
-/// Factor by which each attempt widens the accepted errors.
-const WIDENING: f32 = 1.6;
 /// Share of the task's tolerance that the curve may miss at the beginning of the run-out.
 const RUN_OUT_SHARE: f32 = 0.5;
 
@@ -96,16 +89,12 @@ impl Train {
         within: &Tolerance,
         factor: f32,
     ) -> bool {
-        let bound = |accepted: f32, tolerance: f32| {
-            let mut bound = accepted;
-            for _ in 0..task.attempts.min(self.config.max_attempts) {
-                bound *= WIDENING;
-            }
-            factor * lesser(bound, tolerance.max(accepted))
+        let accepted = Tolerance {
+            position_m: self.config.accept_distance_m,
+            heading_rad: self.config.accept_heading_rad,
         };
-        let [_, _, turn] = at.minus(goal);
-        at.distance(goal) <= bound(self.config.accept_distance_m, within.position_m)
-            && turn.abs() <= bound(self.config.accept_heading_rad, within.heading_rad)
+        let attempts = task.attempts.min(self.config.max_attempts);
+        accepted.widened(within, attempts, factor).is_near(at, goal)
     }
 
     /// Begins another attempt, or gives up after the last.
@@ -126,11 +115,8 @@ impl Train {
         goal: Posture,
         within: &Tolerance,
     ) -> Demand {
-        let same = state.regulation.goal.is_some_and(|old| {
-            let [dx, dy, turn] = goal.minus(old);
-            dx * dx + dy * dy <= NEW_GOAL.0 * NEW_GOAL.0 && turn.abs() <= NEW_GOAL.1
-        });
-        if !same {
+        let before = state.regulation.goal;
+        if !before.is_some_and(|before| is_same_goal(before, goal)) {
             state.regulation = Regulation {
                 goal: Some(goal),
                 stuck_at: Some(center),

@@ -1,3 +1,5 @@
+mod on_plant;
+
 use super::*;
 use crate::control::path::PathPoint;
 
@@ -225,7 +227,6 @@ fn invalid_parameters_are_refused_by_name() {
         ("slope_share", |c| c.slope_share = f32::NAN),
         ("length_constant_m", |c| c.length_constant_m = 0.0),
         ("speed_m_s", |c| c.speed_m_s = -0.1),
-        ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.2),
         ("axles", |c| c.axles = 6),
         ("frame_length_m", |c| c.frame_length_m = 0.0),
     ]);

@@ -135,14 +135,25 @@ impl Config {
 impl Config {
     /// Parameters of the train with the values that follow from the robot.
     fn train_of(&self, topology: Topology, cascade: &Cascade) -> train::Config {
+        let (governor, regulator) = (&self.governor, &self.regulator);
         train::Config {
             axles: topology.axle_count() as u8,
             frame_length_m: self.cascade.frame_length_m,
             rigid_end_m: self.cascade.rigid_end_m,
             max_curvature_per_m: cascade.max_curvature(),
             path_speed_m_s: self.course.path.max_speed_m_s,
-            max_speed_m_s: self.governor.max_speed_m_s,
-            half_track_m: self.governor.half_track_m,
+            max_speed_m_s: governor.max_speed_m_s,
+            half_track_m: governor.half_track_m,
+            acceleration_m_s2: governor.max_acceleration_m_s2,
+            stop_deceleration_m_s2: governor.stop_deceleration_m_s2,
+            speed_lag_s: 1.0 / governor.speed_rate_per_s,
+            reversal_hold_s: governor.reversal_hold_s,
+            max_wheel_speed_m_s: governor.max_wheel_speed_m_s,
+            settle_time_s: regulator.settle_time_s,
+            accept_distance_m: regulator.accept_distance_m,
+            accept_heading_rad: regulator.accept_heading_rad,
+            release_factor: regulator.release_factor,
+            max_attempts: regulator.max_attempts,
             ..self.train
         }
     }

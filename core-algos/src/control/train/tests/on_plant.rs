@@ -5,15 +5,15 @@
     reason = "a test compares with another implementation"
 )]
 
+use crate::control::cascade::AxleReference;
+use crate::control::dynamic::{self, Dynamic};
+use crate::control::path::{PathBuffer, PathPoint, TrajectoryBuffer, TrajectoryPoint};
+use crate::control::regulator::{Phase, Tolerance};
+use crate::control::train::{self, Step, Task, Train};
+use crate::math::{AxleLoad, Posture, Twist, Wrench};
+use crate::safety::ramp;
+use crate::topology::MAX_AXLES;
 use core::f64::consts::PI;
-use core_algos::control::cascade::AxleReference;
-use core_algos::control::dynamic::{self, Dynamic};
-use core_algos::control::path::{PathBuffer, PathPoint, TrajectoryBuffer, TrajectoryPoint};
-use core_algos::control::regulator::{Phase, Tolerance};
-use core_algos::control::train::{self, Step, Task, Train};
-use core_algos::math::{AxleLoad, Posture, Twist, Wrench};
-use core_algos::safety::ramp;
-use core_algos::topology::MAX_AXLES;
 use plant::{Plant, PlantConfig, Tyre};
 
 const STIFFNESS: f32 = 0.833;
