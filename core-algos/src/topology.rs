@@ -344,6 +344,8 @@ mod tests {
             let robot = Topology::new(axles).unwrap();
             let places = robot.boards().map(|board| robot.place(board));
             assert!(places.eq(0..robot.board_count()));
+            assert!(robot.boards().all(|board| robot.has(board)));
+            assert_eq!(robot.frames().count(), robot.frame_count());
             let places = robot.nodes().map(|node| robot.place_of_node(node));
             assert!(places.eq((0..robot.node_count()).map(Some)));
             let stranger = Node::axle(axles as u8);

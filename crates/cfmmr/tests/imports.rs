@@ -126,7 +126,9 @@ fn graph(folder: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
             let module = [above.as_slice(), std::slice::from_ref(&name)].concat();
             if path.is_dir() {
-                folders.push((path, module));
+                if name != "tests" {
+                    folders.push((path, module));
+                }
             } else if name == "mod" {
                 texts.insert(above.clone(), fs::read_to_string(path).unwrap());
             } else if path.extension().is_some_and(|e| e == "rs")

@@ -1,5 +1,6 @@
 //! The lead node of a robot of three to five axles, in a loop with axles that follow their references exactly.
 
+use super::super::fused::Fused;
 use super::*;
 use crate::math::trig::wrap_angle;
 use crate::time::{EPOCH, TICK};
@@ -245,8 +246,126 @@ fn chain_drives_forward_and_back_on_command() {
     assert!((output.motion.v - 0.15).abs() < 1e-3, "{:?}", output.motion);
     let circle = world.axles[0].relative_to(world.axles[1]);
     assert!((circle.phi - LENGTH_M).abs() < 0.02, "{circle:?}");
+    for (pair, axles) in world.node.pairs.iter().zip(world.axles.windows(2)) {
+        let bend = wrap_angle(axles[0].phi - axles[1].phi);
+        assert!((pair.bend.0 - bend).abs() < 5e-3, "{} {bend}", pair.bend.0);
+    }
     let output = drive(&mut world, -0.15, 0.0, 600);
     assert!((output.motion.v + 0.15).abs() < 1e-3, "{:?}", output.motion);
     let last = world.axles[1].relative_to(world.axles[2]);
     assert!(last.phi.abs() < 0.02, "{last:?}");
+}
+
+/// Without commands the robot drives on for the time of the dead man, then comes to rest, and its task is done.
+#[test]
+fn chain_without_commands_comes_to_rest() {
+    let mut world = World::new(3, Task::Idle);
+    let task = Task::Drive {
+        speed_m_s: 0.15,
+        curvature: 0.5,
+    };
+    for _ in 0..400 {
+        world.node.command(task);
+        world.step();
+    }
+    let outputs: Vec<_> = (0..200).map(|_| world.step()).collect();
+    let silent = (DEAD_MAN / EPOCH) as usize - 2;
+    let driving = outputs.iter().take(silent);
+    assert!(driving.clone().all(|it| it.motion.v > 0.14 && !it.done));
+    let done = outputs.iter().position(|it| it.done).unwrap();
+    assert!(done > silent && outputs[done].motion.v.abs() < REST_M_S);
+    assert_eq!(outputs[done].mode, LeadMode::Hold);
+}
+
+/// Two pairs whose estimates of the inner axle differ: the chain keeps the relative postures of both, and lies at the
+/// mean of their positions and headings.
+#[test]
+fn pairs_are_joined_at_their_mean() {
+    let relative = [
+        Posture::new(0.36, 0.05, 0.3),
+        Posture::new(0.37, -0.02, -0.1),
+    ];
+    let rear = [Posture::new(0.4, 0.9, 0.5), Posture::new(0.1, 0.7, 0.4)];
+    let covariance = |k: usize| diagonal([1.0, 2.0, 3.0].map(|it| it * (k + 1) as f32));
+    let mut pairs = [robot::Output::default(); MAX_FRAMES];
+    for k in 0..2 {
+        let front = rear[k].compose(relative[k]);
+        let [x, y] = [front.x + rear[k].x, front.y + rear[k].y].map(|sum| 0.5 * sum);
+        let estimate = |at| Estimate::new(at, covariance(k));
+        pairs[k].front = estimate(front);
+        pairs[k].rear = estimate(rear[k]);
+        pairs[k].robot = estimate(Posture::new(x, y, 0.0));
+    }
+    let fused = Fused::new(Topology::new(3).unwrap(), &pairs);
+    let axles: Vec<_> = (0..3).map(|k| fused.axle(k)).collect();
+    let (mut off, mut turn) = ([0.0f32; 2], 0.0);
+    for k in 0..2 {
+        let found = axles[k].relative_to(axles[k + 1]);
+        let [dx, dy, dphi] = found.minus(relative[k]);
+        assert!(dx.abs() + dy.abs() + dphi.abs() < 1e-6, "{found:?}");
+        let center = pairs[k].robot.posture;
+        off[0] += 0.5 * (axles[k].x + axles[k + 1].x) - center.x;
+        off[1] += 0.5 * (axles[k].y + axles[k + 1].y) - center.y;
+        turn += axles[k].phi - pairs[k].front.posture.phi;
+    }
+    assert!(
+        off[0].abs() + off[1].abs() + turn.abs() < 1e-6,
+        "{off:?} {turn}"
+    );
+    let robot::Output {
+        front, rear, robot, ..
+    } = fused.estimates;
+    assert_eq!(
+        (front.covariance, rear.covariance),
+        (covariance(0), covariance(1))
+    );
+    assert_eq!(robot.covariance[1][1], 3.0);
+}
+
+/// The motion of O by odometry is its change less the mean correction of the pairs.
+#[test]
+fn motion_of_o_leaves_out_the_corrections() {
+    let mut node = World::new(3, Task::Idle).node;
+    node.state.map = Some(Posture::new(1.0, 2.0, 0.3));
+    node.pairs[0].corrected = [0.01, -0.02, 0.04];
+    node.pairs[1].corrected = [0.03, 0.06, -0.02];
+    let (heading, moved) = node.moved(Posture::new(1.1, 2.2, 0.35)).unwrap();
+    let [dx, dy, turn] = moved.minus(Posture::new(0.08, 0.18, 0.04));
+    assert_eq!(heading, 0.3);
+    assert!(dx.abs() + dy.abs() + turn.abs() < 1e-6, "{moved:?}");
+}
+
+/// Limits that governor and regulator declare are those of the chain.
+#[test]
+fn chain_has_the_limits_of_governor_and_regulator() {
+    let mut config = RobotConfig::default();
+    config.geometry.axles = 4;
+    config.lead.governor.max_acceleration_m_s2 = 0.3;
+    config.lead.governor.stop_deceleration_m_s2 = 0.7;
+    config.lead.governor.speed_rate_per_s = 5.0;
+    config.lead.governor.reversal_hold_s = 0.15;
+    config.lead.governor.max_wheel_speed_m_s = 0.5;
+    config.lead.regulator.settle_time_s = 0.25;
+    config.lead.regulator.accept_distance_m = 0.012;
+    config.lead.regulator.accept_heading_rad = 0.03;
+    config.lead.regulator.release_factor = 3.0;
+    config.lead.regulator.max_attempts = 7;
+    let built = config.build_lead().unwrap();
+    let expected = train::Config {
+        axles: 4,
+        max_curvature_per_m: built.cascade.max_curvature(),
+        acceleration_m_s2: 0.3,
+        stop_deceleration_m_s2: 0.7,
+        speed_lag_s: 0.2,
+        reversal_hold_s: 0.15,
+        max_wheel_speed_m_s: 0.5,
+        settle_time_s: 0.25,
+        accept_distance_m: 0.012,
+        accept_heading_rad: 0.03,
+        release_factor: 3.0,
+        max_attempts: 7,
+        path_speed_m_s: config.lead.course.path.max_speed_m_s,
+        ..train::Config::default()
+    };
+    assert_eq!(built.train, Some(expected.build().unwrap()));
 }
