@@ -2,7 +2,7 @@
 """Prints hashes of the raw results, to show that a change of the program changes no result.
 
     freeze.py --quick [--detail]    two minutes; 5 trials, a campaign of 16 runs, 2 s on boards
-    freeze.py --full [--detail]     an hour; 20 trials, a campaign of 64 runs, whole runs, fault tables
+    freeze.py --full [--detail]     half an hour; 20 trials, a campaign of 64 runs, whole runs, fault tables
     freeze.py --quick --check FILE  also compare with the lines in FILE; exit 1 on a difference
     freeze.py --quick --renamed NAMES [--program FILE]
                                     compare two versions whose columns have other names
