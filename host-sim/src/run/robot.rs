@@ -166,7 +166,7 @@ impl Record {
     }
 }
 
-/// Estimated postures of the axles, front first; without those of inner axles that have no estimate.
+/// Estimated postures of the axles, front first. An inner axle without an estimate is left out.
 pub fn estimated_axles(lead: &lead::Output) -> impl Iterator<Item = Posture> {
     let fused = &lead.fused;
     let inner = lead.inner.into_iter().flatten();

@@ -205,8 +205,8 @@ pub const fn step_phase(robot: Topology) -> Micros {
     begin_phase(robot) + TICK * ticks as Micros
 }
 
-/// Number of ticks of an epoch that plan ahead: all but that of the reports, those of fusion and step, and one for the
-/// conditioning of a covariance.
+/// Number of ticks of an epoch in which the planner works. The other ticks are for the reports, for fusion and step, and
+/// one is for the conditioning of a covariance.
 const fn planning_ticks(robot: Topology) -> u32 {
     let work = (step_phase(robot) - begin_phase(robot)) / TICK;
     (EPOCH / TICK).saturating_sub(3 + work) as u32

@@ -335,7 +335,7 @@ fn motion_of_o_leaves_out_the_corrections() {
     assert!(dx.abs() + dy.abs() + turn.abs() < 1e-6, "{moved:?}");
 }
 
-/// Limits that governor and regulator declare are those of the chain.
+/// A chain takes its limits from governor and regulator.
 #[test]
 fn chain_has_the_limits_of_governor_and_regulator() {
     let mut config = RobotConfig::default();
