@@ -1,8 +1,9 @@
 //! List of equivalent mutants: changes that no test can detect, each with its reason.
 
 use crate::{Mutant, Rule, one_line};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Content of `equivalent.toml`.
@@ -32,16 +33,37 @@ impl Equivalent {
         toml::from_str(&text).with_context(|| path.display().to_string())
     }
 
+    /// Error for an entry of these mutants' files that names none of them: its line of code has changed.
+    pub fn check(&self, mutants: &[Mutant]) -> Result<()> {
+        let files: BTreeSet<_> = mutants.iter().map(|mutant| &mutant.file).collect();
+        let own = self
+            .mutant
+            .iter()
+            .filter(|entry| files.contains(&entry.file));
+        for entry in own {
+            if !mutants.iter().any(|mutant| entry.is(mutant)) {
+                let Entry { file, before, .. } = entry;
+                bail!(
+                    "equivalent.toml: {file} has no change of `{before}`: remove the entry or correct its text"
+                );
+            }
+        }
+        Ok(())
+    }
+
     /// Reason why a listed mutant is equivalent; `None` if the mutant is not listed.
     pub fn reason(&self, mutant: &Mutant) -> Option<&str> {
-        let is = |entry: &&Entry| {
-            let after = entry.after.as_ref();
-            mutant.file == entry.file
-                && mutant.rule == entry.rule
-                && mutant.before == one_line(&entry.before)
-                && after.is_none_or(|after| mutant.after == one_line(after))
-        };
-        let entry = self.mutant.iter().find(is)?;
+        let entry = self.mutant.iter().find(|entry| entry.is(mutant))?;
         Some(&entry.reason)
+    }
+}
+
+impl Entry {
+    fn is(&self, mutant: &Mutant) -> bool {
+        let after = self.after.as_ref();
+        mutant.file == self.file
+            && mutant.rule == self.rule
+            && mutant.before == one_line(&self.before)
+            && after.is_none_or(|after| mutant.after == one_line(after))
     }
 }

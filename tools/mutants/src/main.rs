@@ -185,6 +185,10 @@ fn main() -> Result<ExitCode> {
         .join("../..")
         .canonicalize()?;
     let all = mutants(&root, &arguments)?;
+    let equivalent = Equivalent::read(&root)?;
+    if arguments.rules.is_empty() {
+        equivalent.check(&all)?;
+    }
     if arguments.list {
         for Mutant {
             file,
@@ -199,7 +203,6 @@ fn main() -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let equivalent = Equivalent::read(&root)?;
     let tree = Tree::copy(&root)?;
     let (chosen, program) = tree.build(&root, all, arguments.per_file)?;
     let tests = Tests::new(&program, &root.join("core-algos"), &chosen)?;

@@ -75,11 +75,11 @@ pub fn sites(text: &str, times: &BTreeSet<String>) -> syn::Result<Vec<Site>> {
 pub fn time_constants(text: &str) -> syn::Result<BTreeSet<String>> {
     let file = syn::parse_file(text)?;
     let named = file.items.iter().filter_map(|item| match item {
-        Item::Const(item) => Some((item.ident.to_string(), &item.ty)),
+        Item::Const(item) => Some((item.ident.to_string(), &*item.ty)),
         _ => None,
     });
-    let is_time = |(name, ty): &(String, &Box<syn::Type>)| {
-        let micros = matches!(&***ty, syn::Type::Path(path) if path.path.is_ident("Micros"));
+    let is_time = |(name, ty): &(String, &syn::Type)| {
+        let micros = matches!(ty, syn::Type::Path(path) if path.path.is_ident("Micros"));
         micros
             || ["_S", "_MS", "_US"]
                 .iter()

@@ -7,7 +7,6 @@ use super::spacing::Link;
 use super::speed::Limits;
 use super::turn::Turns;
 use crate::config::{ConfigError, declare};
-use crate::topology::MAX_AXLES;
 
 /// Knots of the curve for each frame.
 const FRAME_PITCHES: f32 = 40.0;
@@ -38,8 +37,6 @@ declare! {
         pub max_deviation_m: f32 = 0.5, "m": Positive;
         /// Gain of the distance along a trajectory.
         pub trajectory_gain_per_s: f32 = 1.5, "1/s": Range(0.0, 10.0);
-        /// Deviation of the curve from its plan at which a new plan is made.
-        pub replan_deviation_m: f32 = 0.15, "m": Positive;
         derived {
             /// Number of axles.
             pub axles: u8 = 3, "": Range(2.0, 5.0);
@@ -88,13 +85,12 @@ impl Config {
             rigid_end_m: self.rigid_end_m,
         };
         let distance = link.straight();
-        let axles = usize::from(self.axles).min(MAX_AXLES);
         let body = f32::from(self.axles.saturating_sub(1)) * distance;
         let kappa = (self.curvature_share / distance).min(self.max_curvature_per_m);
         let slope = self.slope_share / (distance * distance);
         let turns = Turns::new(kappa, slope);
         Ok(Train {
-            axles,
+            axles: self.axles.into(),
             link,
             body,
             pitch: distance / FRAME_PITCHES,

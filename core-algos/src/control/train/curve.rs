@@ -318,10 +318,14 @@ mod tests {
     }
 
     #[test]
-    fn places_beyond_the_ends_and_nan_give_finite_postures() {
+    fn curve_is_straight_beyond_its_ends_and_nan_is_its_beginning() {
         let (curve, _) = wavy(Direction::Forward, 20);
-        for s in [-0.5, 0.7, f32::NAN] {
-            assert!(curve.at(s).knot.posture.is_finite(), "{s}");
+        for (s, end, beyond) in [(-0.5, 0.0, -0.5), (0.7, 0.2, 0.5), (f32::NAN, 0.0, 0.0)] {
+            let end = curve.at(end).knot.posture;
+            let expected = end.compose(Posture::new(beyond, 0.0, 0.0));
+            let found = curve.at(s).knot;
+            assert!(found.posture.distance(expected) < 1e-6, "{s}: {found:?}");
+            assert!(s.is_nan() || found.kappa == 0.0);
         }
         assert_eq!(Curve::EMPTY.at(0.3).knot.posture.x, 0.3);
     }

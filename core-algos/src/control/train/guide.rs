@@ -265,4 +265,77 @@ mod tests {
             }
         }
     }
+
+    /// Curvature of the next knot for an axle that faces forward; the feedback fades before the run-out.
+    #[test]
+    fn leg_gives_its_curvature_one_knot_ahead_and_less_feedback_towards_the_run_out() {
+        const RUN_OUT: f32 = 0.4;
+        for direction in [Direction::Forward, Direction::Reverse] {
+            let mut leg = Leg {
+                direction,
+                ..Leg::NEW
+            };
+            leg.pieces[0] = Piece {
+                length: 0.5,
+                from: 0.0,
+                to: 2.0,
+            };
+            leg.pieces[1] = Piece {
+                length: 0.25,
+                from: 2.0,
+                to: 0.0,
+            };
+            *leg.pieces.last_mut().unwrap() = Piece {
+                length: RUN_OUT,
+                ..Piece::default()
+            };
+            let (mut on, goal) = (OnLeg::new(leg), Posture::new(-0.2, 0.3, 2.0));
+            for k in 0..110u8 {
+                let u = 0.01 * f32::from(k);
+                let here = on.posture(goal);
+                let desired = on.next(here, goal, 0.01, 6.0);
+                assert!(desired.posture.unwrap().distance(here) < 1e-6);
+                let next = u + 0.01;
+                let kappa = (4.0 * next).min(8.0 * (0.75 - next)).max(0.0);
+                let expected = direction.sign() * kappa;
+                assert!((desired.kappa - expected).abs() < 1e-3, "{u}: {desired:?}");
+                // A feedback that falls at 6 1/m² to zero turns the curve back on the half of its way.
+                let bound = 3.0 * (0.75 - u).max(0.0);
+                assert!((desired.bound - bound).abs() < 1e-3, "{u}: {desired:?}");
+                assert!(desired.slope > 6.0 && desired.slope < 8.0);
+            }
+        }
+    }
+
+    /// A clothoid with the curvature s: the nearest point, and the curvature one knot ahead.
+    #[test]
+    fn point_of_a_path_stays_beside_the_end_of_the_curve() {
+        let mut path = PathBuffer::<256>::new();
+        let mut knot = Knot::default();
+        for k in 0..200u8 {
+            let s = 0.01 * f32::from(k);
+            path.push(PathPoint {
+                posture: knot.posture,
+                kappa: knot.kappa,
+                s,
+            })
+            .unwrap();
+            knot = knot.advance(0.01, 1.0);
+        }
+        let mut u = 0.0;
+        for k in 1..170u8 {
+            // Steps of the end that are longer than a knot.
+            let s = 0.0108 * f32::from(k);
+            let on = path.at(s).unwrap().posture;
+            let end = on.compose(Posture::new(0.0, 0.02, 0.1));
+            let desired = along(&path, &mut u, end, 0.01).unwrap();
+            let off = end.relative_to(desired.posture.unwrap());
+            // The first step is longer than the point may move.
+            let most = if k > 1 { 2e-4 } else { 1e-3 };
+            assert!(off.x.abs() < most && (off.y - 0.02).abs() < 2e-4, "{off:?}");
+            assert!((u - s - 0.01).abs() < 2e-3, "{u} {s}");
+            assert!((desired.kappa - s - 0.01).abs() < 2e-3, "{s}: {desired:?}");
+            assert_eq!(desired.bound, f32::INFINITY);
+        }
+    }
 }

@@ -573,7 +573,7 @@ impl Planner {
         let Some(straight) = self.straight(&self.turned(scan, first), k) else {
             return;
         };
-        if !(straight.length >= 0.0 && straight.off.abs() <= 1e-4) {
+        if !(straight.length >= 0.0) {
             return;
         }
         let turns = self.turns.length(first) + self.turns.length(straight.second);

@@ -1,8 +1,7 @@
 //! Regulation to a goal: plan at rest, drive the legs, compare the posture with the goal, try again.
 //!
-//! Stop → Plan → (Segment → Stop)? → Approach → Hold → Done. A plan is given up for a new one if the curve cannot
-//! return to the plan before the run-out, or if the robot rests off the goal. Done returns to Stop if the robot is
-//! pushed away.
+//! Stop → Plan → (Segment → Stop)? → Approach → Hold → Done. A robot that rests off the goal plans again. Done returns
+//! to Stop if the robot is pushed away.
 
 use super::guide::OnLeg;
 use super::planner::{Plan, Progress, Robot, Search};
@@ -11,9 +10,6 @@ use crate::control::regulator::{Phase, SAME_PLACE_M, Tolerance, is_same_goal};
 use crate::control::stuck::{STUCK_S, Stuck};
 use crate::math::Posture;
 use crate::time::EPOCH_S;
-
-/// Share of the task's tolerance that the curve may miss at the beginning of the run-out.
-const RUN_OUT_SHARE: f32 = 0.5;
 
 /// State of the regulation between two epochs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,9 +139,7 @@ impl Train {
                 }
             },
             Phase::Plan => self.plan(state, &mut task),
-            Phase::Segment | Phase::Approach => {
-                demand = self.drive_leg(state, &mut task, goal, within);
-            }
+            Phase::Segment | Phase::Approach => demand = self.drive_leg(state, &mut task),
             Phase::Hold if !rests => task.elapsed = 0.0,
             Phase::Hold if task.elapsed >= self.config.settle_time_s => {
                 match self.reached(&task, center, goal, within, 1.0) {
@@ -238,13 +232,7 @@ impl Train {
         });
     }
 
-    fn drive_leg(
-        &self,
-        state: &State,
-        task: &mut Regulation,
-        goal: Posture,
-        within: &Tolerance,
-    ) -> Demand {
+    fn drive_leg(&self, state: &State, task: &mut Regulation) -> Demand {
         let OnLeg { leg, u, .. } = task.leg;
         let ahead = state.curve.ahead(state.leader(self), leg.direction);
         let distance = leg.length() - u + ahead;
@@ -253,17 +241,6 @@ impl Train {
                 Phase::Segment => Phase::Stop,
                 _ => Phase::Hold,
             });
-        }
-        let end = state.curve.end(leg.direction).posture;
-        let off = end.relative_to(task.leg.posture(goal));
-        let left = leg.length() - leg.run_out() - u;
-        let missed = task.phase == Phase::Approach
-            && left <= 0.0
-            && left > -2.0 * self.pitch
-            && !(off.y.abs() <= RUN_OUT_SHARE * within.position_m
-                && off.phi.abs() <= RUN_OUT_SHARE * within.heading_rad);
-        if missed || off.y.abs() > self.config.replan_deviation_m {
-            self.renew(task);
         }
         Demand {
             direction: leg.direction,

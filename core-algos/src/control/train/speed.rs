@@ -139,6 +139,18 @@ mod tests {
         }
     }
 
+    /// The end of a path that comes nearer than the robot can stop is overrun, not stopped at once.
+    #[test]
+    fn robot_at_the_end_brakes_at_the_stop_deceleration() {
+        let mut motion = Motion { v: 0.03, rate: 0.0 };
+        let mut before = motion.v;
+        while motion.v > 0.0 {
+            LIMITS.step(&mut motion, 0.2, 0.0);
+            assert!(before - motion.v < 0.8 * EPOCH_S + 2e-3, "{motion:?}");
+            before = motion.v;
+        }
+    }
+
     #[test]
     fn outer_wheel_keeps_its_limit() {
         let v = LIMITS.by_wheels(-2.0, 1.1);

@@ -62,7 +62,7 @@ fn robot_at_its_goal_does_not_move() {
     let (train, mut state) = (train(4), State::NEW);
     let postures = straight(4);
     let goal = Posture::new(-0.555, 0.0, 0.0);
-    let mut done = false;
+    let mut steps = Vec::new();
     for _ in 0..100 {
         let task = Order::Regulate {
             goal,
@@ -70,9 +70,16 @@ fn robot_at_its_goal_does_not_move() {
         };
         let step = train.step(&mut state, &postures, task);
         assert!(step.v == 0.0 && !matches!(step.phase, Phase::Plan | Phase::Approach));
-        done = step.done;
+        steps.push(step);
     }
-    assert!(done);
+    // The time at a cusp, then the time at rest before the posture counts.
+    let epochs = |phase| steps.iter().filter(|step| step.phase == phase).count();
+    assert!(
+        (18..=22).contains(&epochs(Phase::Hold)),
+        "{}",
+        epochs(Phase::Hold)
+    );
+    assert!(steps.last().unwrap().done && epochs(Phase::Done) > 50);
     // Another task does not inherit the result.
     let step = train.step(&mut state, &postures, Order::Stop);
     assert!(!step.done && step.phase == Phase::Stop);
@@ -101,6 +108,88 @@ fn blocked_robot_waits_and_gives_up() {
         }
     }
     panic!("the robot did not give up");
+}
+
+/// A robot that friction holds 3 cm from its goal is not blocked: each attempt accepts a larger error.
+#[test]
+fn robot_held_within_the_tolerance_of_its_goal_is_done() {
+    let (train, mut state) = (train(3), State::NEW);
+    let (goal, within) = (Posture::new(0.5, 0.0, 0.0), Tolerance::default());
+    let mut postures = straight(3);
+    for _ in 0..4000 {
+        let step = train.step(&mut state, &postures, Order::Regulate { goal, within });
+        assert!(!step.gave_up && !step.lost, "{step:?}");
+        if goal.distance(midpoint(&postures[..3])) > 0.03 {
+            postures = ideal(&step);
+        } else if step.done {
+            return;
+        }
+    }
+    panic!("not done: {:?}", state.phase());
+}
+
+/// Plans keep the largest curvature, which is that of the steering limit or of the planner, whichever is less.
+#[test]
+fn plan_keeps_the_largest_curvature() {
+    for (limit, expected) in [(1.0, 1.0), (3.0, 0.85 / 0.37)] {
+        let config = Config {
+            max_curvature_per_m: limit,
+            ..Config::default()
+        };
+        let (train, mut state) = (config.build().unwrap(), State::NEW);
+        let (goal, within) = (Posture::new(0.5, 1.2, 3.0), Tolerance::default());
+        let (mut postures, mut largest, mut done) = (straight(3), 0.0f32, false);
+        for _ in 0..6000 {
+            let step = train.step(&mut state, &postures, Order::Regulate { goal, within });
+            postures = ideal(&step);
+            largest = largest.max(step.kappa.abs());
+            done = step.done;
+        }
+        assert!(
+            done && (largest / expected - 1.0).abs() < 0.01,
+            "{largest} {expected}"
+        );
+        assert!(postures[0].relative_to(goal).y.abs() < 1e-3);
+    }
+}
+
+/// The leader keeps up with a trajectory that accelerates.
+#[test]
+fn leader_keeps_up_with_an_accelerating_trajectory() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut trajectory = TrajectoryBuffer::<64>::new();
+    // 0.15 m/s² for a second, after a second at rest.
+    let law = |t: f32| match t - 1.0 {
+        t if t < 0.0 => (0.0, 0.0),
+        t if t < 1.0 => (0.075 * t * t, 0.15 * t),
+        t => (0.15 * t - 0.075, 0.15),
+    };
+    for k in 0..60u8 {
+        let time_s = 0.05 * f32::from(k);
+        let (s, v) = law(time_s);
+        let posture = Posture::new(s, 0.0, 0.0);
+        let point = PathPoint {
+            posture,
+            kappa: 0.0,
+            s,
+        };
+        trajectory
+            .push(crate::control::path::TrajectoryPoint { time_s, v, point })
+            .unwrap();
+    }
+    let mut postures = straight(3);
+    for epoch in 0..240u16 {
+        let time_s = EPOCH_S * f32::from(epoch);
+        let task: Task<'_, 256, 64> = Task::Track {
+            trajectory: &mut trajectory,
+            time_s,
+            within: Tolerance::default(),
+        };
+        let step = train.step(&mut state, &postures, task);
+        postures = ideal(&step);
+        let behind = law(time_s).0 - postures[0].x;
+        assert!(behind.abs() < 4e-3, "{time_s}: {behind}");
+    }
 }
 
 #[test]

@@ -2,6 +2,8 @@
 
 use super::super::fused::Fused;
 use super::*;
+use crate::control::path::{PathPoint, TrajectoryPoint};
+use crate::control::regulator::Tolerance;
 use crate::math::trig::wrap_angle;
 use crate::time::{EPOCH, TICK};
 use crate::topology::{MAX_AXLES, Topology};
@@ -275,6 +277,52 @@ fn chain_without_commands_comes_to_rest() {
     let done = outputs.iter().position(|it| it.done).unwrap();
     assert!(done > silent && outputs[done].motion.v.abs() < REST_M_S);
     assert_eq!(outputs[done].mode, LeadMode::Hold);
+}
+
+/// Points of the trajectory that have passed make room for more.
+#[test]
+fn trajectory_of_a_chain_has_room_for_more_points() {
+    let within = Tolerance::default();
+    let mut world = World::new(3, Task::Track { within });
+    let mut next = 0u16;
+    let mut fill = |world: &mut World| {
+        while world.node.path_task.trajectory_room() > 0 {
+            let time_s = 0.1 * f32::from(next);
+            let s = 0.1 * time_s;
+            let point = PathPoint {
+                posture: Posture::new(LENGTH_M + s, 0.0, 0.0),
+                kappa: 0.0,
+                s,
+            };
+            let point = TrajectoryPoint {
+                time_s,
+                v: 0.1,
+                point,
+            };
+            world.node.path_task.push_trajectory_point(point).unwrap();
+            next += 1;
+        }
+        next
+    };
+    let held = fill(&mut world);
+    for _ in 0..400 {
+        world.step();
+    }
+    // Four seconds less the time to build the curve.
+    assert!((36..=41).contains(&(fill(&mut world) - held)));
+}
+
+/// A single pair is the robot: nothing is joined.
+#[test]
+fn robot_of_two_axles_has_the_estimates_of_its_pair() {
+    let estimate = |x: f32| Estimate::new(Posture::new(x, 0.2, 0.3), diagonal([x, 2.0, 3.0]));
+    let pair = robot::Output {
+        front: estimate(1.0),
+        rear: estimate(0.6),
+        robot: estimate(0.7),
+        ..robot::Output::default()
+    };
+    assert_eq!(Fused::of_pair(pair).estimates, pair);
 }
 
 /// Two pairs whose estimates of the inner axle differ: the chain keeps the relative postures of both, and lies at the
