@@ -72,11 +72,7 @@ fn outcomes_beyond_an_entry_are_wrong() {
             after_ms: 300,
             seed: 1,
         };
-        let RunKind::Model(fault) = entry.kind.clone() else {
-            panic!("{}", entry.name)
-        };
         let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
-        simulation.inject(fault, model::tick(&scenario, &case));
         let outcome = model::run_on(&mut simulation, &scenario, &case).unwrap();
         assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");
     }

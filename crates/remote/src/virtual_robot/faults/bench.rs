@@ -18,7 +18,7 @@ use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 /// Longest time from the press of the button to the first motion of a robot that plans, ms.
 const LONGEST_PLANNING_MS: u64 = 5_000;
 /// Speed of an axle above which the robot moves, m/s.
-const MOVING_M_S: f64 = 0.02;
+pub const MOVING_M_S: f64 = 0.02;
 
 /// Robot and the board that a fault affects.
 #[derive(Clone)]

@@ -106,10 +106,6 @@ pub struct Entry {
     pub vary: fn(Role, &mut ChipVariation),
 }
 
-/// Longest time for which a robot of three or more axles stands before its drive, s: it builds its curve and plans. A
-/// wheel that stands shows no fault.
-pub const PLANNING_S: f64 = 1.3;
-
 /// Moves a fault of samples, frames or plant to the second axle or the frame behind it.
 fn inside(fault: &mut Fault, robot: Topology) {
     match fault {

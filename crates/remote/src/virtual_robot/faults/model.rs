@@ -1,7 +1,8 @@
 //! Faults of samples, frames and plant of a robot with boards in this process, and their runs.
 
 use super::Campaign;
-use super::entry::{Entry, PLANNING_S, entries};
+use super::bench::MOVING_M_S;
+use super::entry::{Entry, RunKind, entries};
 use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::sensors::WHEELS;
 use core_algos::bus::LeadMode;
@@ -10,7 +11,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::safety::Condition::{self, *};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{Role, Side};
+use core_algos::topology::{Role, Side, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusConfig;
 use host_sim::run::drive::{DriveTask, Progress, drive};
@@ -103,7 +104,7 @@ fn samples() -> Vec<Entry> {
         "all gauges dead", "samples", model(GaugeRail { count: 5, rail: Rail::Zero }).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
         "gauge stuck", "samples", model(GaugeStuck(2)).goes_on().stops(GAUGES).within(BEAM_S);
         "gauge drifts", "samples", model(GaugeDrift { gauge: 2, counts_per_s: 40.0 }).goes_on().stops(GAUGES).within(BEAM_S);
-        "encoder stuck", "samples", model(EncoderStuck(wheel(1, Side::Left))).stops(WHEELS).longer_in_chain(PLANNING_S);
+        "encoder stuck", "samples", model(EncoderStuck(wheel(1, Side::Left))).stops(WHEELS);
         "encoder jumps", "samples", model(EncoderJumps { wheel: wheel(0, Side::Left), counts: 500 }).goes_on().stops(WHEELS);
         "encoders swapped", "samples", model(EncodersSwapped(1)).goes_on().stops(WHEELS).within(SLOW_S);
         "encoder missing", "samples", model(EncoderMissing(wheel(0, Side::Right))).stops(WHEELS).within(1.5);
@@ -125,22 +126,23 @@ fn plant() -> Vec<Entry> {
     }
 }
 
-/// First tick of the fault.
+/// First tick of the fault of a robot of two axles.
 pub fn tick(scenario: &Scenario, case: &FaultCase) -> u32 {
     (scenario.mission.settle_s * 1e3) as u32 + case.after_ms as u32
 }
 
 /// Runs the robot to the scenario's goal with a fault.
-pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result<Outcome, Error> {
+pub(super) fn run(campaign: &Campaign, case: &FaultCase) -> Result<Outcome, Error> {
     let mut simulation = Simulation::new(&campaign.scenario, case.seed, 0)?;
-    simulation.inject(fault, tick(&campaign.scenario, case));
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
 /// Observer that checks each tick of a run with a fault.
 struct FaultObserver {
     goal: Posture,
-    /// Time of the fault, µs.
+    /// Fault that begins this number of ticks after the first motion; `None` once its time is known.
+    waiting: Option<(Fault, u32)>,
+    /// Time of the fault, µs; the largest number until it is known.
     from: Micros,
     /// Consecutive ticks beyond each bound.
     beyond: [u32; 3],
@@ -153,6 +155,12 @@ struct FaultObserver {
 }
 
 impl FaultObserver {
+    /// Injects the fault at a tick.
+    fn begin(&mut self, simulation: &mut Simulation, fault: Fault, tick: u32) {
+        simulation.inject(fault, tick);
+        self.from = Micros::from(tick) * TICK;
+    }
+
     /// Description of a bound exceeded for longer than [`MAX_BEYOND_TICKS`]; `None` if no bound was.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
         let plant = simulation.plant();
@@ -187,6 +195,15 @@ impl FaultObserver {
 impl DriveTask<Simulation> for FaultObserver {
     fn task(&self) -> Option<Task> {
         Some(Task::regulate(self.goal))
+    }
+
+    fn feed(&mut self, simulation: &mut Simulation) -> Result<(), Error> {
+        if simulation.speed() > MOVING_M_S
+            && let Some((fault, after)) = self.waiting.take()
+        {
+            self.begin(simulation, fault, (simulation.now() / TICK) as u32 + after);
+        }
+        Ok(())
     }
 
     fn must_end(&self, _robot: &Simulation) -> bool {
@@ -231,7 +248,8 @@ impl DriveTask<Simulation> for FaultObserver {
     }
 }
 
-/// Runs a simulation with an injected fault to its end.
+/// Runs a simulation with the fault of a case to its end. A robot of three or more axles plans before it drives: its
+/// fault counts from the first motion.
 pub fn run_on(
     simulation: &mut Simulation,
     scenario: &Scenario,
@@ -240,12 +258,20 @@ pub fn run_on(
     let mission = &scenario.mission;
     let mut observer = FaultObserver {
         goal: Posture::from(mission.goal.map(|v| v as f32)),
-        from: Micros::from(tick(scenario, case)) * TICK,
+        waiting: None,
+        from: Micros::MAX,
         beyond: [0; 3],
         rest: 0,
         stopped: None,
         violation: None,
     };
+    let RunKind::Model(fault) = case.entry.kind.clone() else {
+        return Err(Error::input("a fault of a board needs its image"));
+    };
+    match scenario.robot.topology() {
+        Topology::PAIR => observer.begin(simulation, fault, tick(scenario, case)),
+        _ => observer.waiting = Some((fault, case.after_ms as u32)),
+    }
     let done = drive(simulation, scenario, mission.time_limit_s, &mut observer)?.is_success();
     let first = simulation.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
