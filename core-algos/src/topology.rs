@@ -346,6 +346,8 @@ mod tests {
             assert!(places.eq(0..robot.board_count()));
             assert!(robot.boards().all(|board| robot.has(board)));
             assert_eq!(robot.frames().count(), robot.frame_count());
+            let beams = robot.boards().filter(|board| board.is_beam());
+            assert!(beams.eq(robot.frames().map(Role::Beam)));
             let places = robot.nodes().map(|node| robot.place_of_node(node));
             assert!(places.eq((0..robot.node_count()).map(Some)));
             let stranger = Node::axle(axles as u8);

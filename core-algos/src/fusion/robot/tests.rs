@@ -314,6 +314,36 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
     }
 }
 
+/// A neighbouring frame that is bent like this one takes the load from the axle between them; one bent the other way
+/// doubles it, and with it the slip.
+#[test]
+fn load_of_an_axle_is_the_difference_of_its_frames() {
+    let fusion = slipping(Mode::Joint).build().unwrap();
+    let bent = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.4), BEAM_SIGMAS);
+    let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
+    let variances = |neighbours: [f32; 2]| {
+        let mut state = fusion.start(&robot, &bent, 0.015);
+        let mut output = Output::default();
+        for _ in 0..50 {
+            let inputs = Inputs {
+                neighbours: neighbours.map(RelativeHeading),
+                ..inputs(forward(), None)
+            };
+            output = fusion.step(&mut state, &inputs);
+        }
+        [output.front, output.rear].map(|it| it.covariance[1][1])
+    };
+    let alone = variances([0.0; 2]);
+    for (axle, ahead) in [[1.0, 0.0], [0.0, 1.0]].into_iter().enumerate() {
+        let same = variances(ahead.map(|share: f32| 0.4 * share))[axle];
+        let opposite = variances(ahead.map(|share: f32| -0.4 * share))[axle];
+        assert!(
+            same < 0.99 * alone[axle] && opposite > 1.01 * alone[axle],
+            "{axle}: {same} {alone:?} {opposite}"
+        );
+    }
+}
+
 /// Sum of d dᵀ over the effects `d` of disturbances of one standard deviation, by central differences.
 fn covariance_by<const B: usize, D>(
     disturbances: &[D],

@@ -312,6 +312,17 @@ fn trajectory_of_a_chain_has_room_for_more_points() {
     assert!((36..=41).contains(&(fill(&mut world) - held)));
 }
 
+/// A board executes orders of a host after the reports of the epoch and before the work of its lead node.
+#[test]
+fn orders_are_executed_before_the_work_of_the_lead_node() {
+    for axles in 2..=MAX_AXLES {
+        let robot = Topology::new(axles).unwrap();
+        let order = order_phase(robot);
+        assert!((TICK..begin_phase(robot)).contains(&order), "{axles}");
+        assert!(begin_phase(robot) <= step_phase(robot) && step_phase(robot) < EPOCH);
+    }
+}
+
 /// A single pair is the robot: nothing is joined.
 #[test]
 fn robot_of_two_axles_has_the_estimates_of_its_pair() {
