@@ -115,25 +115,32 @@ impl Ready {
 
     /// Builds the nodes, at rest.
     pub fn begin(self) -> Board {
-        let (mut board, lead) = self.parts();
-        board.begin_lead(lead);
-        board
+        match self {
+            Self::Axle {
+                axle,
+                lead: Some(lead),
+            } => Board::Axle {
+                axle,
+                lead: Some(LeadNode::new(lead)),
+            },
+            Self::Axle { axle, lead: None } => Board::Axle { axle, lead: None },
+            Self::Beam(beam) => Board::Beam(beam),
+        }
     }
+}
 
+impl Ready {
     /// [`Self::begin`] in `place`, without the nodes on the stack.
     pub fn begin_in(self, place: &mut Option<Board>) -> &mut Board {
-        let (board, lead) = self.parts();
-        let board = place.insert(board);
-        board.begin_lead(lead);
-        board
-    }
-
-    /// The board without its lead node, and the algorithms of the lead node.
-    fn parts(self) -> (Board, Option<lead::Algorithms>) {
-        match self {
+        let (own, lead) = match self {
             Self::Axle { axle, lead } => (Board::Axle { axle, lead: None }, lead),
             Self::Beam(beam) => (Board::Beam(beam), None),
+        };
+        let board = place.insert(own);
+        if let (Board::Axle { lead: slot, .. }, Some(lead)) = (&mut *board, lead) {
+            LeadNode::new_in(slot, lead);
         }
+        board
     }
 }
 
@@ -141,12 +148,6 @@ impl Board {
     /// Builds the nodes of a board, at rest; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
         Ready::new(config, role).map(Ready::begin)
-    }
-
-    fn begin_lead(&mut self, algorithms: Option<lead::Algorithms>) {
-        if let (Self::Axle { lead, .. }, Some(algorithms)) = (self, algorithms) {
-            LeadNode::new_in(lead, algorithms);
-        }
     }
 
     /// Resets the board to the state of [`Self::new`] with the same configuration.
@@ -252,7 +253,19 @@ mod tests {
     use super::*;
     use crate::beam::MAX_GAUGES;
     use crate::time::{EPOCH, TICK, is_epoch_start};
-    use crate::topology::{AxleId, Topology};
+    use crate::topology::{AxleId, MAX_AXLES, Topology};
+
+    #[test]
+    fn nodes_built_in_place_equal_nodes_built_by_value() {
+        let mut config = RobotConfig::default();
+        config.geometry.axles = MAX_AXLES as u32;
+        let mut place = None;
+        for role in config.topology().boards() {
+            let ready = Ready::new(&config, role).unwrap();
+            let expected = ready.begin();
+            assert_eq!(*ready.begin_in(&mut place), expected);
+        }
+    }
 
     #[test]
     fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {
