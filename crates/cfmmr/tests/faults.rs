@@ -72,8 +72,11 @@ fn outcomes_beyond_an_entry_are_wrong() {
             after_ms: 300,
             seed: 1,
         };
+        let RunKind::Model(fault) = entry.kind.clone() else {
+            panic!("{}", entry.name)
+        };
         let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
-        let outcome = model::run_on(&mut simulation, &scenario, &case).unwrap();
+        let outcome = model::run_on(&mut simulation, &scenario, &case, fault).unwrap();
         assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");
     }
 }

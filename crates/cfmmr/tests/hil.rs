@@ -25,7 +25,7 @@ use remote::link::{Link, Loopback};
 use remote::serial::Serial;
 use remote::virtual_link::VirtualLink;
 use remote::virtual_robot::faults;
-use remote::virtual_robot::faults::{End, FaultCase, catalogue, model};
+use remote::virtual_robot::faults::{End, FaultCase, RunKind, catalogue, model};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
@@ -348,12 +348,15 @@ fn faulty(
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
     let at = model::tick(&scenario, case);
+    let RunKind::Model(fault) = case.entry.kind.clone() else {
+        panic!("{}", case.entry.name);
+    };
     if let Some((role, mode)) = unannounced {
         let failure = Failure { role, at, mode };
         simulation.boards().plan(vec![failure], None);
     }
     simulation.record_trace();
-    let outcome = model::run_on(&mut simulation, &scenario, case).unwrap();
+    let outcome = model::run_on(&mut simulation, &scenario, case, fault).unwrap();
     (outcome, simulation.take_trace().unwrap())
 }
 

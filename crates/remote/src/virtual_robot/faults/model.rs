@@ -2,7 +2,7 @@
 
 use super::Campaign;
 use super::bench::MOVING_M_S;
-use super::entry::{Entry, RunKind, entries};
+use super::entry::{Entry, entries};
 use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::sensors::WHEELS;
 use core_algos::bus::LeadMode;
@@ -132,9 +132,9 @@ pub fn tick(scenario: &Scenario, case: &FaultCase) -> u32 {
 }
 
 /// Runs the robot to the scenario's goal with a fault.
-pub(super) fn run(campaign: &Campaign, case: &FaultCase) -> Result<Outcome, Error> {
+pub(super) fn run(campaign: &Campaign, case: &FaultCase, fault: Fault) -> Result<Outcome, Error> {
     let mut simulation = Simulation::new(&campaign.scenario, case.seed, 0)?;
-    run_on(&mut simulation, &campaign.scenario, case)
+    run_on(&mut simulation, &campaign.scenario, case, fault)
 }
 
 /// Observer that checks each tick of a run with a fault.
@@ -254,6 +254,7 @@ pub fn run_on(
     simulation: &mut Simulation,
     scenario: &Scenario,
     case: &FaultCase,
+    fault: Fault,
 ) -> Result<Outcome, Error> {
     let mission = &scenario.mission;
     let mut observer = FaultObserver {
@@ -264,9 +265,6 @@ pub fn run_on(
         rest: 0,
         stopped: None,
         violation: None,
-    };
-    let RunKind::Model(fault) = case.entry.kind.clone() else {
-        return Err(Error::input("a fault of a board needs its image"));
     };
     match scenario.robot.topology() {
         Topology::PAIR => observer.begin(simulation, fault, tick(scenario, case)),

@@ -73,7 +73,7 @@ pub fn run(
             Ok(outcome_of(bench, case, observed, reference, &before))
         }
         RunKind::Start(steps) => start(campaign, case, steps),
-        RunKind::Model(_) => model::run(campaign, case),
+        RunKind::Model(fault) => model::run(campaign, case, fault.clone()),
     }
 }
 
