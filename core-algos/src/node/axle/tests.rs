@@ -19,6 +19,27 @@ fn node(axle: AxleId) -> AxleNode {
     node
 }
 
+/// The first axle of a chain has no frame ahead, and does not hear the second frame.
+#[test]
+fn frames_of_other_axles_are_ignored() {
+    let robot = Topology::new(3).unwrap();
+    let build = |axle| Config::default().build(AxleId(axle), robot, FRAME).unwrap();
+    for (axle, own) in [(0, [true, false]), (1, [true, true]), (2, [false, true])] {
+        for (frame, own) in robot.frames().zip(own) {
+            let (mut node, before) = (build(axle), build(axle));
+            let posture = Posture::new(0.36, 0.02, 0.1);
+            let message = Message::BeamPosture {
+                frame,
+                sequence: 0,
+                posture,
+                gauges: 5,
+            };
+            node.receive(0, &message);
+            assert_eq!(node != before, own, "axle {axle}, {frame:?}");
+        }
+    }
+}
+
 /// Samples of wheels turned by these angles (rad).
 fn turned(angles: [f64; 2]) -> Samples {
     let per_turn = f64::from(Config::default().wheel.counts_per_revolution);

@@ -4,6 +4,8 @@ use super::super::fused::Fused;
 use super::*;
 use crate::control::path::{PathPoint, TrajectoryPoint};
 use crate::control::regulator::Tolerance;
+use crate::fusion::ekf::Verdict;
+use crate::fusion::joint::BeamUpdate;
 use crate::math::trig::wrap_angle;
 use crate::time::{EPOCH, TICK};
 use crate::topology::{MAX_AXLES, Topology};
@@ -79,11 +81,13 @@ impl World {
         }
         let phases = self.node.phases();
         if self.ahead {
+            let before = self.node.clone();
             let mut at = *phases.start();
             while at < *phases.end() {
                 self.node.fuse_ahead(now + at, &mut Own::default());
                 at += TICK;
             }
+            assert!(self.node != before, "no pair fused ahead");
         }
         let mut outbox = Outbox::new();
         let output = self.node.step(now + phases.end(), &mut outbox);
@@ -310,6 +314,54 @@ fn trajectory_of_a_chain_has_room_for_more_points() {
     }
     // Four seconds less the time to build the curve.
     assert!((36..=41).contains(&(fill(&mut world) - held)));
+}
+
+/// Of the frames' updates the output has a rejected one, else that with the larger NIS.
+#[test]
+fn worst_update_of_the_frames_is_reported() {
+    let update = |verdict, nis| BeamUpdate {
+        verdict,
+        nis,
+        ..BeamUpdate::default()
+    };
+    let [used, other, gated] = [
+        update(Verdict::Used, 3.0),
+        update(Verdict::Used, 2.0),
+        update(Verdict::Gated, 1.0),
+    ];
+    for (a, b, worst) in [
+        (used, gated, gated),
+        (gated, used, gated),
+        (used, other, used),
+        (other, used, used),
+    ] {
+        let mut pairs = [robot::Output::default(); MAX_FRAMES];
+        (pairs[0].beam, pairs[1].beam) = (a, b);
+        let fused = Fused::new(Topology::new(3).unwrap(), &pairs);
+        assert_eq!(fused.estimates.beam, worst);
+        assert_eq!(fused.is_refused(), worst.verdict == Verdict::Gated);
+    }
+}
+
+/// A chain too far from its path stops, and its path counts as lost.
+#[test]
+fn path_far_from_a_chain_is_lost() {
+    let within = Tolerance::default();
+    let mut world = World::new(3, Task::Follow { within });
+    for k in 0..100u8 {
+        let s = 0.01 * f32::from(k);
+        let point = PathPoint {
+            posture: Posture::new(LENGTH_M + s, 0.9, 0.0),
+            kappa: 0.0,
+            s,
+        };
+        world.node.path_task.push_path_point(point).unwrap();
+    }
+    for _ in 0..100 {
+        world.step();
+    }
+    assert!(world.node.path_task.is_lost());
+    assert_eq!(world.node.state.governor.motion.v, 0.0);
 }
 
 /// A board executes orders of a host after the reports of the epoch and before the work of its lead node.
