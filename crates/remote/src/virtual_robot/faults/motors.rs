@@ -37,10 +37,10 @@ fn sense(bench: &mut FaultBench, fault: AmplifierFault) {
     bench.at_wheel(|axle, side, _| axle.amplifiers[side].set_fault(fault));
 }
 
-/// Keeps a transistor of the wheel on. `half` is meant for a robot that drives forward; in reverse the other half has its
-/// part, and a lower transistor that stays on shows nothing while the motor needs it on.
+/// Keeps a transistor of the wheel on. `half` is that of a robot of two axles, which drives forward. A chain may begin in
+/// reverse: then the other half has its part, because a transistor that the motor needs on shows no fault.
 fn stuck(bench: &mut FaultBench, half: Half, upper: bool) {
-    let reverse = bench.robot.plant.axles()[0].velocity[0] < 0.0;
+    let reverse = bench.has_inner_axle() && bench.robot.plant.axles()[0].velocity[0] < 0.0;
     let half = match (half, reverse) {
         (Half::One, false) | (Half::Two, true) => Half::One,
         (Half::Two, false) | (Half::One, true) => Half::Two,
