@@ -299,7 +299,7 @@ mod tests {
                 let kappa = (4.0 * next).min(8.0 * (0.75 - next)).max(0.0);
                 let expected = direction.sign() * kappa;
                 assert!((desired.kappa - expected).abs() < 1e-3, "{u}: {desired:?}");
-                // A feedback that falls at 6 1/m² to zero turns the curve back on the half of its way.
+                // Half of the curvature that can still be removed before the run-out.
                 let bound = 3.0 * (0.75 - u).max(0.0);
                 assert!((desired.bound - bound).abs() < 1e-3, "{u}: {desired:?}");
                 assert!(desired.slope > 6.0 && desired.slope < 8.0);

@@ -19,7 +19,7 @@ fn node(axle: AxleId) -> AxleNode {
     node
 }
 
-/// The first axle of a chain has no frame ahead, and does not hear the second frame.
+/// An axle ignores the messages of frames that are not at this axle.
 #[test]
 fn frames_of_other_axles_are_ignored() {
     let robot = Topology::new(3).unwrap();
