@@ -103,7 +103,7 @@ impl FaultBench {
     }
 
     /// True if the robot has an axle with neighbours on both sides, at which faults then occur.
-    pub fn has_inner_axle(&self) -> bool {
+    fn has_inner_axle(&self) -> bool {
         self.robot.topology.axle_count() > 2
     }
 

@@ -37,15 +37,25 @@ fn sense(bench: &mut FaultBench, fault: AmplifierFault) {
     bench.at_wheel(|axle, side, _| axle.amplifiers[side].set_fault(fault));
 }
 
-/// Keeps a transistor of the wheel on. `half` is that of a robot of two axles, which drives forward. A chain may begin in
-/// reverse: then the other half has its part, because a transistor that the motor needs on shows no fault.
-fn stuck(bench: &mut FaultBench, half: Half, upper: bool) {
-    let reverse = bench.has_inner_axle() && bench.robot.plant.axles()[0].velocity[0] < 0.0;
-    let half = match (half, reverse) {
-        (Half::One, false) | (Half::Two, true) => Half::One,
-        (Half::Two, false) | (Half::One, true) => Half::Two,
-    };
-    bench.at_wheel(|axle, side, now| axle.drivers[side].set_stuck(half, Some(upper), now));
+/// Half bridge of a motor by its part in the present direction of the wheel.
+#[derive(Clone, Copy)]
+enum Part {
+    /// Pulse-width modulated.
+    Drives,
+    /// Low all the time.
+    Returns,
+}
+
+/// Keeps a transistor of a half bridge of the wheel on. The lower one of the half that returns the current is on anyway.
+fn stuck(bench: &mut FaultBench, part: Part, upper: bool) {
+    bench.at_wheel(|axle, side, now| {
+        let driver = &mut axle.drivers[side];
+        let half = match (part, driver.is_forward()) {
+            (Part::Drives, true) | (Part::Returns, false) => Half::One,
+            (Part::Drives, false) | (Part::Returns, true) => Half::Two,
+        };
+        driver.set_stuck(half, Some(upper), now);
+    });
 }
 
 /// Checks that the LED of the affected board blinks the code of the emergency stop, 0x80.
@@ -109,11 +119,11 @@ fn motors() -> Vec<Entry> {
             let (role, side) = b.wheel();
             b.robot.blocked = Some((b.robot.topology.place(role), side));
         }).stops(MOTOR);
-        "half bridge stays on: OUT1 high", "DRV8874", drive(|b| { stuck(b, Half::One, true); })
+        "driving half bridge stays high", "DRV8874", drive(|b| { stuck(b, Part::Drives, true); })
             .stops(MOTOR).stops(NOTICED);
-        "half bridge stays on: OUT1 low", "DRV8874", drive(|b| { stuck(b, Half::One, false); })
+        "driving half bridge stays low", "DRV8874", drive(|b| { stuck(b, Part::Drives, false); })
             .stops(MOTOR).stops(NOTICED);
-        "half bridge stays on: OUT2 high", "DRV8874", drive(|b| { stuck(b, Half::Two, true); })
+        "returning half bridge stays high", "DRV8874", drive(|b| { stuck(b, Part::Returns, true); })
             .stops(MOTOR).stops(NOTICED);
         "emergency stop", "contact", drive(|b| {
             let (role, _) = b.wheel();

@@ -167,6 +167,11 @@ impl Drv8874 {
         self.pins.0
     }
 
+    /// True if PH/IN2 is high.
+    pub fn is_forward(&self) -> bool {
+        self.pins.1
+    }
+
     fn input(&mut self, pins: (bool, bool), at: Time) {
         self.advance(at);
         if pins != self.pins {
