@@ -498,6 +498,10 @@ impl Train {
                     // After the time of the trajectory the first axle goes on until the middle is at the end.
                     let since = greater(*time_s - trajectory.end(), 0.0);
                     let beyond = lesser(self.config.speed_m_s * since, 0.5 * self.body);
+                    let v = match since > 0.0 {
+                        true => self.config.speed_m_s,
+                        false => v,
+                    };
                     // The speed of the leader trails a rising wish by its time constant.
                     let lead = self.config.speed_lag_s * greater(rate, 0.0);
                     v + lead + self.config.trajectory_gain_per_s * (s + beyond - (end - ahead))

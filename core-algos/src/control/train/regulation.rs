@@ -134,7 +134,6 @@ impl Train {
                 None if self.reached(&task, center, goal, within, 1.0) => task.enter(Phase::Hold),
                 None => {
                     task.search = Some(self.planner.start(goal));
-                    task.ahead = 0;
                     task.enter(Phase::Plan);
                 }
             },

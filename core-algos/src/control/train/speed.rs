@@ -110,8 +110,14 @@ mod tests {
             let (mut motion, mut left, mut time) = (Motion::default(), way, 0.0f32);
             while left > 0.0 || motion.v > 0.0 {
                 let before = motion.v;
+                let latest = LIMITS.braking(left);
                 left -= LIMITS.step(&mut motion, 1.0, left);
                 let rate = (motion.v - before) / EPOCH_S;
+                // The robot brakes at the last moment.
+                assert!(
+                    rate >= 0.0 || left < 1e-4 || motion.v > 0.93 * latest,
+                    "{motion:?} {latest}"
+                );
                 // The deceleration ahead of a stop is the acceleration, but for the last 0.1 mm.
                 let least = if motion.v > 0.0 { -0.42 } else { -0.801 };
                 assert!(motion.v <= 0.2 && (least..=0.401).contains(&rate), "{rate}");
