@@ -205,6 +205,56 @@ fn leader_keeps_up_with_an_accelerating_trajectory() {
     assert!(left.abs() < 1e-4, "{left}");
 }
 
+/// A second path has its own arc length: the robot enters it at its start, not at the length driven so far.
+#[test]
+fn new_path_is_entered_anew() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut postures = straight(3);
+    let mut drive = |state: &mut State, kappa: f32, start: Posture, epochs: u16| {
+        let mut path = PathBuffer::<256>::new();
+        let mut on = Posture::ORIGIN;
+        for k in 0..150u8 {
+            let s = 0.01 * f32::from(k);
+            let posture = start.compose(on);
+            path.push(PathPoint { posture, kappa, s }).unwrap();
+            on = on.advance(0.01, 0.01 * kappa);
+        }
+        let mut largest = 0.0f32;
+        for _ in 0..epochs {
+            let task = Order::Follow {
+                path: &mut path,
+                within: Tolerance::default(),
+            };
+            let step = train.step(state, &postures, task);
+            postures = ideal(&step);
+            largest = largest.max(step.off_path_m.abs());
+        }
+        (largest, postures[0])
+    };
+    let (_, reached) = drive(&mut state, 0.0, Posture::ORIGIN, 350);
+    assert!((0.4..0.8).contains(&reached.x));
+    state.restart_task();
+    let (largest, _) = drive(&mut state, 0.5, reached, 250);
+    assert!(largest < 0.01, "{largest}");
+}
+
+/// A robot that is to drive and does not move is stuck.
+#[test]
+fn robot_that_does_not_move_is_stuck_after_its_time() {
+    let (train, mut state) = (train(3), State::NEW);
+    let task = || Order::Drive {
+        speed_m_s: 0.1,
+        curvature: 0.0,
+    };
+    let at = |state: &mut State| (0..).find(|_| train.step(state, &straight(3), task()).stuck);
+    let epochs = at(&mut state).unwrap();
+    let built = 4;
+    assert!(
+        (0.0..0.05).contains(&(EPOCH_S * (epochs - built) as f32 - STUCK_S)),
+        "{epochs}"
+    );
+}
+
 /// A robot that is beside its goal whenever its posture counts has one attempt and `max_attempts` further ones.
 #[test]
 fn robot_gives_up_after_the_last_attempt() {
