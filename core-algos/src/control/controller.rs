@@ -56,3 +56,22 @@ pub trait KinematicController {
     /// brakes.
     fn step(&mut self, input: &Input) -> ControllerOutput;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn output_is_finite_only_if_both_numbers_are() {
+        for bad in [f32::NAN, f32::INFINITY] {
+            for (v, kappa, finite) in [(0.1, -2.0, true), (bad, 1.0, false), (0.1, bad, false)] {
+                let output = ControllerOutput {
+                    v,
+                    kappa,
+                    done: false,
+                };
+                assert_eq!(output.is_finite(), finite, "{output:?}");
+            }
+        }
+    }
+}

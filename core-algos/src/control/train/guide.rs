@@ -240,6 +240,30 @@ mod tests {
         }
     }
 
+    /// On a quarter of a circle the nearest point is that at the same angle.
+    #[test]
+    fn curved_route_is_entered_at_the_nearest_point() {
+        let mut path = PathBuffer::<128>::new();
+        let mut knot = Knot {
+            kappa: 2.0,
+            ..Knot::default()
+        };
+        for k in 0..80u8 {
+            path.push(PathPoint {
+                posture: knot.posture,
+                kappa: 2.0,
+                s: 0.01 * f32::from(k),
+            })
+            .unwrap();
+            knot = knot.advance(0.01, 0.0);
+        }
+        for (angle, radius) in [(0.4f32, 0.5f32), (0.9, 0.4), (1.2, 0.7)] {
+            let (x, y) = (radius * angle.sin(), 0.5 - radius * angle.cos());
+            let s = entry(&path, Posture::new(x, y, angle), 0.8);
+            assert!((s - 0.5 * angle).abs() < 0.011, "{angle}: {s}");
+        }
+    }
+
     /// Steps of the curve that are longer or shorter than those of the leg keep the nearest point.
     #[test]
     fn point_of_a_leg_stays_beside_the_end_of_the_curve() {

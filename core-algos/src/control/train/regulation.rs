@@ -175,7 +175,6 @@ impl Train {
         let before = task.stuck_at.replace(center);
         let again = before.is_some_and(|at| center.distance(at) <= SAME_PLACE_M);
         let near = within.is_near(center, goal) || self.reached(task, center, goal, within, 1.0);
-        task.plan = None;
         task.blocked = again && !near;
         task.enter(match task.blocked {
             true => Phase::GaveUp,
