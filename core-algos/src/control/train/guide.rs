@@ -240,27 +240,27 @@ mod tests {
         }
     }
 
-    /// On a quarter of a circle the nearest point is that at the same angle.
+    /// On an arc of 1 m the nearest point is that at the same angle.
     #[test]
     fn curved_route_is_entered_at_the_nearest_point() {
         let mut path = PathBuffer::<128>::new();
         let mut knot = Knot {
-            kappa: 2.0,
+            kappa: 1.0,
             ..Knot::default()
         };
         for k in 0..80u8 {
             path.push(PathPoint {
                 posture: knot.posture,
-                kappa: 2.0,
+                kappa: 1.0,
                 s: 0.01 * f32::from(k),
             })
             .unwrap();
             knot = knot.advance(0.01, 0.0);
         }
-        for (angle, radius) in [(0.4f32, 0.5f32), (0.9, 0.4), (1.2, 0.7)] {
-            let (x, y) = (radius * angle.sin(), 0.5 - radius * angle.cos());
+        for (angle, radius) in [(0.2f32, 1.0f32), (0.5, 0.25), (0.7, 1.2)] {
+            let (x, y) = (radius * angle.sin(), 1.0 - radius * angle.cos());
             let s = entry(&path, Posture::new(x, y, angle), 0.8);
-            assert!((s - 0.5 * angle).abs() < 0.011, "{angle}: {s}");
+            assert!((s - angle).abs() < 0.011, "{angle}: {s}");
         }
     }
 
