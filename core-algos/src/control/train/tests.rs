@@ -246,7 +246,7 @@ fn robot_that_does_not_move_is_stuck_after_its_time() {
         speed_m_s: 0.1,
         curvature: 0.0,
     };
-    let at = |state: &mut State| (0..).find(|_| train.step(state, &straight(3), task()).stuck);
+    let at = |state: &mut State| (0..1000).find(|_| train.step(state, &straight(3), task()).stuck);
     let epochs = at(&mut state).unwrap();
     let built = 4;
     assert!(
