@@ -579,7 +579,24 @@ def check_touch(page):
     page.during(20, "Math.abs(cfmmr.state('speed')[0]) < 0.005", "stops")
     assert math.dist(start[:2], page.state("truth")[:2]) > 0.15, "the pad does not drive"
     page.shot("touch")
+    swipe(page)
     page.check_clean()
+
+
+def swipe(page):
+    """A finger swipes sideways beside the scene of a large touchscreen; the page stays."""
+    page.open()
+    page.browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    address, (_, y) = page.value("location.href"), page.middle("faults")
+    for way in (1, -1):
+        points = [(DESK[0] / 2 + way * x, y) for x in range(-600, 601, 60)]
+        page.browser.touch("Start", points[0])
+        for point in points[1:]:
+            page.browser.touch("Move", point)
+        page.browser.touch("End")
+        # A navigation begins when the gesture of the browser is over.
+        time.sleep(0.5)
+        assert page.value("location.href") == address, "a swipe leaves the page"
 
 
 def check_faults(page):

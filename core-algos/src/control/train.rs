@@ -31,7 +31,7 @@
 //! |---|---|
 //! | an estimate is not finite | brakes along the curve; standstill without a curve |
 //! | neighbouring axles are estimated too close or too far for their frame, without a curve | standstill |
-//! | an axle lags behind its reference | slows down, and waits at [`Config::wait_m`] |
+//! | the axles lag behind their references | slows down, and waits at [`Config::wait_m`] |
 //! | the robot does not move | stuck; a regulation gives up at the second time in the same place |
 //! | the curve is too far from its path, or an axle from its reference | lost, brakes |
 //! | the path has no more points, and is not complete | stops at its last point and waits |
@@ -140,6 +140,18 @@ impl Demand {
             distance: f32::INFINITY,
         }
     }
+}
+
+/// Distances of the axles behind their references, along the axles.
+///
+/// A frame keeps the distance of its axles: wheels that correct it only push against each other, and slide. So each
+/// axle corrects the mean.
+#[derive(Clone, Copy, Debug, Default)]
+struct Lags {
+    /// Of each axle, m; unused entries are zero.
+    own: [f32; MAX_AXLES],
+    /// Mean over the axles, m.
+    mean: f32,
 }
 
 /// Result of an epoch.
@@ -345,11 +357,11 @@ impl Train {
                 *state = State::NEW;
                 state.rebuild = Some(Rebuild::new(&mut state.curve, own, self.measures()));
             }
-            return self.conclude(state, own, 0.0, false);
+            return self.conclude(state, own, 0.0, false, &Lags::default());
         }
         if state.rebuild.is_some() {
             self.rebuild(state);
-            return self.conclude(state, own, 0.0, false);
+            return self.conclude(state, own, 0.0, false, &Lags::default());
         }
         let center = midpoint(own);
         let mut demand = Demand::stop(state.direction);
@@ -370,8 +382,12 @@ impl Train {
         }
         self.extend(state, &mut task, &mut off);
         let moving = demand.speed > MOVING_M_S && demand.distance > MOVING_M_S;
+        let lags = match sound {
+            true => self.lags(state, own),
+            false => Lags::default(),
+        };
         // Zero for a wish that is not a number.
-        let wanted = greater(demand.speed * self.patience(state, own), 0.0);
+        let wanted = greater(demand.speed * self.patience(state, &lags), 0.0);
         let wanted = self.by_wheels(state, wanted);
         let driven = self.limits.step(&mut state.motion, wanted, demand.distance);
         state.driven += driven;
@@ -379,11 +395,13 @@ impl Train {
 
         let still = state.stuck.step(moving, center, EPOCH_S);
         self.finish(state, center, &demand, &task, still);
-        let step = self.conclude(state, own, off, still >= STUCK_S);
-        let far = off.abs() > self.config.max_deviation_m
-            || own.iter().zip(&step.references).any(|(axle, reference)| {
-                !(axle.distance(reference.posture) <= self.config.max_deviation_m)
-            });
+        let step = self.conclude(state, own, off, still >= STUCK_S, &lags);
+        let most = self.config.max_deviation_m;
+        let far = off.abs() > most
+            || own
+                .iter()
+                .enumerate()
+                .any(|(i, axle)| !(axle.distance(self.reference_posture(state, i)) <= most));
         state.lost |= far && !state.resting;
         if let Task::Follow { path, .. } = task
             && let Some(end) = state.on_route
@@ -615,13 +633,21 @@ impl Train {
         desired.unwrap_or(keep)
     }
 
-    /// Factor, 0 to 1, that reduces the speed while an axle is far from its reference.
-    fn patience(&self, state: &State, axles: &[Posture]) -> f32 {
-        let mut largest = 0.0;
-        for (i, axle) in axles.iter().enumerate() {
-            largest = greater(axle.distance(self.reference_posture(state, i)), largest);
+    /// Distances of the axles behind the references of the last epoch.
+    fn lags(&self, state: &State, axles: &[Posture]) -> Lags {
+        let mut lags = Lags::default();
+        for (i, (lag, axle)) in lags.own.iter_mut().zip(axles).enumerate() {
+            *lag = self.reference_posture(state, i).relative_to(*axle).x;
+            lags.mean += *lag / self.axles as f32;
         }
-        clamp(2.0 * (1.0 - largest / self.config.wait_m), 0.0, 1.0)
+        lags
+    }
+
+    /// Factor, 0 to 1, that reduces the speed while the robot lags behind its references. Waiting brings no axle back
+    /// that is beside its place: for that it must drive.
+    fn patience(&self, state: &State, lags: &Lags) -> f32 {
+        let lag = state.direction.sign() * lags.mean;
+        clamp(2.0 * (1.0 - lag / self.config.wait_m), 0.0, 1.0)
     }
 
     /// Speed `wanted` (m/s) of the leader, reduced for the wheels.
@@ -683,7 +709,14 @@ impl Train {
     }
 
     /// References and result of the epoch.
-    fn conclude(&self, state: &State, axles: &[Posture], off: f32, stuck: bool) -> Step {
+    fn conclude(
+        &self,
+        state: &State,
+        axles: &[Posture],
+        off: f32,
+        stuck: bool,
+        lags: &Lags,
+    ) -> Step {
         let mut references = [AxleReference::default(); MAX_AXLES];
         let sign = state.direction.sign();
         let (v, v_rate) = (sign * state.motion.v, sign * state.motion.rate);
@@ -697,12 +730,16 @@ impl Train {
             }
         } else {
             let own = state.ratios.iter().enumerate().take(self.axles);
-            for (reference, (i, ratio)) in references.iter_mut().zip(own) {
+            for ((reference, (i, ratio)), lag) in references.iter_mut().zip(own).zip(lags.own) {
                 let sample = state.curve.at(state.place(i));
                 let (v, v_rate) = (ratio * v, ratio * v_rate);
                 let kappa = sample.knot.kappa;
                 *reference = AxleReference {
-                    posture: self.reference_posture(state, i),
+                    posture: (self.reference_posture(state, i)).compose(Posture::new(
+                        lags.mean - lag,
+                        0.0,
+                        0.0,
+                    )),
                     twist: Twist::new(v, kappa * v),
                     acceleration: Twist::new(v_rate, kappa * v_rate + sample.slope * v * v),
                 };

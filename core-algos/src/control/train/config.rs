@@ -31,7 +31,8 @@ declare! {
         pub planner_budget: u32 = 250, "": Positive;
         /// Speed of regulation.
         pub speed_m_s: f32 = 0.2, "m/s": Positive;
-        /// Distance of an axle from its reference at which the robot waits; it slows down from half of this distance.
+        /// Mean distance of the axles behind their references at which the robot waits; it slows down from half of this
+        /// distance.
         pub wait_m: f32 = 0.05, "m": Range(1e-3, 1.0);
         /// Distance of an axle from its reference, or of the curve from its path, beyond which a path is lost.
         pub max_deviation_m: f32 = 0.5, "m": Positive;

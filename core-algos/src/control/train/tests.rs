@@ -285,6 +285,36 @@ fn robot_gives_up_after_the_last_attempt() {
     }
 }
 
+/// A bent chain is estimated beside its places: ahead at one end, behind at the other. No axle pushes another, since the
+/// frames keep the distances, and the robot drives on.
+#[test]
+fn chain_beside_its_places_corrects_the_mean_distance_alone() {
+    for speed_m_s in [0.2, -0.2] {
+        let (train, mut state) = (train(5), State::NEW);
+        let mut postures = straight(5);
+        let task = || Order::Drive {
+            speed_m_s,
+            curvature: 1.2,
+        };
+        for _ in 0..1200 {
+            postures = ideal(&train.step(&mut state, &postures, task()));
+        }
+        let beside = Posture::new(0.0, 0.08, 0.0);
+        let back = postures[2];
+        let postures = postures.map(|it| back.compose(beside.compose(it.relative_to(back))));
+        let step = train.step(&mut state, &postures, task());
+        let own = step.references.iter().zip(&postures);
+        let ahead: Vec<f32> = own.map(|(to, at)| to.posture.relative_to(*at).x).collect();
+        let mean = ahead.iter().sum::<f32>() / 5.0;
+        for ahead in &ahead {
+            assert!((ahead - mean).abs() < 1e-4, "{ahead:?} {mean}");
+        }
+        let far = |i: usize| postures[i].distance(step.references[i].posture);
+        assert!((far(2) - 0.08).abs() < 2e-3, "{}", far(2));
+        assert!((step.v - speed_m_s).abs() < 1e-3, "{}", step.v);
+    }
+}
+
 #[test]
 fn estimate_that_is_not_finite_brakes_along_the_curve() {
     let (train, mut state) = (train(3), State::NEW);
