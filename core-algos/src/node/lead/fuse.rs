@@ -10,6 +10,7 @@ use super::{LeadNode, Own};
 use crate::bus::{Message, layout};
 use crate::fusion::estimator::EstimatorOutput;
 use crate::fusion::{Estimate, robot};
+use crate::math::trig::sin_cos;
 use crate::math::{Posture, RelativeHeading, Twist};
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
 use crate::topology::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES};
@@ -34,6 +35,8 @@ pub(super) struct Fusing {
     pairs: [robot::Output; MAX_FRAMES],
     /// Number of pairs that are fused.
     count: usize,
+    /// Frames of the pairs' filters, as seen from `map`; of one pair, the origin.
+    anchors: [Posture; MAX_FRAMES],
 }
 
 impl Default for Fusing {
@@ -46,6 +49,7 @@ impl Default for Fusing {
             bends: [RelativeHeading::default(); MAX_FRAMES],
             pairs: [robot::Output::default(); MAX_FRAMES],
             count: 0,
+            anchors: [Posture::ORIGIN; MAX_FRAMES],
         }
     }
 }
@@ -228,10 +232,10 @@ impl LeadNode {
             self.fuse_pair(now, own);
         }
         self.fusing.under_way = false;
-        let pairs = &self.fusing.pairs;
+        let Fusing { pairs, anchors, .. } = &mut self.fusing;
         let mut own_pairs = pairs.iter().take(self.with.topology.frame_count());
         self.state.unsound = own.estimator.is_some() && !own_pairs.all(is_sound);
-        (!self.state.unsound).then(|| Fused::new(self.with.topology, pairs))
+        (!self.state.unsound).then(|| Fused::new(self.with.topology, pairs, anchors))
     }
 
     /// Heading of O before the latest epoch and motion of O in this epoch by odometry alone, along the axes of `map`.
@@ -241,13 +245,15 @@ impl LeadNode {
             return Some(self.fusion()?.moved());
         }
         // The change of O in `map` less the mean correction of the pairs.
-        let mut left = map.minus(self.state.map?);
-        for pair in &self.pairs {
-            for (left, corrected) in left.iter_mut().zip(pair.corrected) {
-                *left -= corrected / frames as f32;
-            }
+        let [mut x, mut y, mut turn] = map.minus(self.state.map?);
+        let share = 1.0 / frames as f32;
+        for (pair, anchor) in self.pairs.iter().zip(&self.fusing.anchors) {
+            let (sin, cos) = sin_cos(anchor.phi);
+            let [dx, dy, dphi] = pair.corrected.map(|it| share * it);
+            x -= cos * dx - sin * dy;
+            y -= sin * dx + cos * dy;
+            turn -= dphi;
         }
-        let [x, y, turn] = left;
         Some((self.state.map?.phi, Posture::new(x, y, turn)))
     }
 

@@ -337,7 +337,7 @@ fn worst_update_of_the_frames_is_reported() {
     ] {
         let mut pairs = [robot::Output::default(); MAX_FRAMES];
         (pairs[0].beam, pairs[1].beam) = (a, b);
-        let fused = Fused::new(Topology::new(3).unwrap(), &pairs);
+        let fused = joined(&pairs);
         assert_eq!(fused.estimates.beam, worst);
         assert_eq!(fused.is_refused(), worst.verdict == Verdict::Gated);
     }
@@ -388,6 +388,70 @@ fn robot_of_two_axles_has_the_estimates_of_its_pair() {
     assert_eq!(Fused::of_pair(pair).estimates, pair);
 }
 
+/// Three axles, joined.
+fn joined(pairs: &[robot::Output; MAX_FRAMES]) -> Fused {
+    let anchors = &mut [Posture::ORIGIN; MAX_FRAMES];
+    Fused::new(Topology::new(3).unwrap(), pairs, anchors)
+}
+
+/// A pair of axles that stand at `front` and `rear`.
+fn pair_at([front, rear]: [Posture; 2]) -> robot::Output {
+    let [x, y] = [front.x + rear.x, front.y + rear.y].map(|sum| 0.5 * sum);
+    let estimate = |at| Estimate::new(at, diagonal([1.0, 4.0, 2.0]));
+    robot::Output {
+        front: estimate(front),
+        rear: estimate(rear),
+        robot: estimate(Posture::new(x, y, 0.0)),
+        ..robot::Output::default()
+    }
+}
+
+/// A bent chain moves, and the filters of its pairs have wrong places and headings. Each axle moves as it does in
+/// truth, as seen from itself: no axle slides sideways.
+#[test]
+fn axles_move_as_in_truth_though_the_headings_of_the_pairs_differ() {
+    let robot = Topology::new(5).unwrap();
+    let mut axles = [Posture::ORIGIN; MAX_AXLES];
+    for k in 1..MAX_AXLES {
+        axles[k] = axles[k - 1].compose(Posture::new(-0.35, 0.05, 0.5));
+    }
+    let wrong = [
+        Posture::new(0.1, -0.2, 0.3),
+        Posture::new(-0.1, 0.1, -0.2),
+        Posture::new(0.0, 0.3, 0.1),
+        Posture::new(0.2, 0.0, -0.4),
+    ];
+    let motion = Posture::new(0.004, 0.001, 0.02);
+    let mut anchors = [Posture::ORIGIN; MAX_FRAMES];
+    let mut last: Option<[Posture; MAX_AXLES]> = None;
+    for _ in 0..200 {
+        let mut pairs = [robot::Output::default(); MAX_FRAMES];
+        for (k, pair) in pairs.iter_mut().enumerate() {
+            *pair = pair_at([axles[k], axles[k + 1]].map(|it| wrong[k].compose(it)));
+        }
+        let before = anchors[0];
+        let fused = Fused::new(robot, &pairs, &mut anchors);
+        let now: [_; MAX_AXLES] = std::array::from_fn(|k| fused.axle(k));
+        let next = axles.map(|it| motion.compose(it));
+        if let Some(last) = last {
+            for k in 0..MAX_AXLES {
+                let found = now[k].relative_to(last[k]);
+                let [dx, dy, dphi] = found.minus(next[k].relative_to(axles[k]));
+                assert!(dx.abs() + dy.abs() + dphi.abs() < 2e-5, "{k}: {found:?}");
+            }
+        }
+        // The covariance turns with the pair.
+        let (sin, cos) = before.phi.sin_cos();
+        let expected = cos * cos + 4.0 * sin * sin;
+        let found = fused.estimates.front.covariance[0][0];
+        assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        (axles, last) = (next, Some(now));
+    }
+    let turned = anchors[3].phi + wrong[3].phi;
+    let front = anchors[0].phi + wrong[0].phi;
+    assert!(wrap_angle(turned - front).abs() < 1e-3, "{turned} {front}");
+}
+
 /// Two pairs whose estimates of the inner axle differ: the chain keeps the relative postures of both, and lies at the
 /// mean of their positions and headings.
 #[test]
@@ -407,7 +471,7 @@ fn pairs_are_joined_at_their_mean() {
         pairs[k].rear = estimate(rear[k]);
         pairs[k].robot = estimate(Posture::new(x, y, 0.0));
     }
-    let fused = Fused::new(Topology::new(3).unwrap(), &pairs);
+    let fused = joined(&pairs);
     let axles: Vec<_> = (0..3).map(|k| fused.axle(k)).collect();
     let (mut off, mut turn) = ([0.0f32; 2], 0.0);
     for k in 0..2 {
