@@ -61,7 +61,7 @@ use super::cascade::AxleReference;
 use super::path::{PathBuffer, TrajectoryBuffer};
 use super::regulator::{Phase, Tolerance};
 use super::stuck::{STUCK_S, Stuck};
-use crate::math::trig::{atan2, clamp};
+use crate::math::trig::{atan2, clamp, sqrt};
 use crate::math::{Posture, Twist};
 use crate::math::{greater, lesser};
 use crate::time::EPOCH_S;
@@ -142,16 +142,18 @@ impl Demand {
     }
 }
 
-/// Distances of the axles behind their references, along the axles.
+/// Distances of the axles from the references of the last epoch.
 ///
 /// A frame keeps the distance of its axles: wheels that correct it only push against each other, and slide. So each
 /// axle corrects the mean.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lags {
-    /// Of each axle, m; unused entries are zero.
+    /// Distance of each axle behind its reference, along the axle, m; unused entries are zero.
     own: [f32; MAX_AXLES],
-    /// Mean over the axles, m.
+    /// Mean of these, m.
     mean: f32,
+    /// Distance of the axle that is farthest from its reference, m.
+    farthest: f32,
 }
 
 /// Result of an epoch.
@@ -384,7 +386,10 @@ impl Train {
         let moving = demand.speed > MOVING_M_S && demand.distance > MOVING_M_S;
         let lags = match sound {
             true => self.lags(state, own),
-            false => Lags::default(),
+            false => Lags {
+                farthest: f32::INFINITY,
+                ..Lags::default()
+            },
         };
         // Zero for a wish that is not a number.
         let wanted = greater(demand.speed * self.patience(state, &lags), 0.0);
@@ -397,11 +402,7 @@ impl Train {
         self.finish(state, center, &demand, &task, still);
         let step = self.conclude(state, own, off, still >= STUCK_S, &lags);
         let most = self.config.max_deviation_m;
-        let far = off.abs() > most
-            || own
-                .iter()
-                .enumerate()
-                .any(|(i, axle)| !(axle.distance(self.reference_posture(state, i)) <= most));
+        let far = off.abs() > most || lags.farthest > most;
         state.lost |= far && !state.resting;
         if let Task::Follow { path, .. } = task
             && let Some(end) = state.on_route
@@ -633,13 +634,18 @@ impl Train {
         desired.unwrap_or(keep)
     }
 
-    /// Distances of the axles behind the references of the last epoch.
+    /// Distances of the axles, whose estimates are finite, from the references of the last epoch.
     fn lags(&self, state: &State, axles: &[Posture]) -> Lags {
         let mut lags = Lags::default();
+        let (mut sum, mut square) = (0.0, 0.0);
         for (i, (lag, axle)) in lags.own.iter_mut().zip(axles).enumerate() {
-            *lag = self.reference_posture(state, i).relative_to(*axle).x;
-            lags.mean += *lag / self.axles as f32;
+            let off = self.reference_posture(state, i).relative_to(*axle);
+            *lag = off.x;
+            sum += off.x;
+            square = greater(off.x * off.x + off.y * off.y, square);
         }
+        lags.mean = sum / self.axles as f32;
+        lags.farthest = sqrt(square);
         lags
     }
 
