@@ -327,6 +327,11 @@ pub fn midpoint(axles: &[Posture]) -> Posture {
 }
 
 impl Train {
+    /// Lengths of a frame.
+    pub fn frame(&self) -> &Link {
+        &self.link
+    }
+
     /// Number of axles.
     pub fn axles(&self) -> usize {
         self.axles

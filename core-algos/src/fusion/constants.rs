@@ -112,6 +112,12 @@ impl Tyres {
     /// Share of the friction up to which the model holds; beyond it the slip is linear again.
     const MAX_SHARE: f32 = 0.7;
 
+    /// Slip of an axle to its left per metre rolled, for a `force` to its left over EI/L (rad/m): both tyres hold it, so
+    /// it is F/(2NC).
+    pub(super) fn slip_aside(&self, force: f32) -> f32 {
+        self.compliance * self.half_track * self.half_track * force
+    }
+
     /// Relative heading over 1 − F/μN, and its derivative by the relative heading.
     fn load(&self, RelativeHeading(heading): RelativeHeading) -> (f32, f32) {
         let share = (heading.abs() / self.sliding).min(Self::MAX_SHARE);

@@ -353,25 +353,25 @@ impl Joint {
 
     /// Time update by odometry. `front` and `rear` are increments in the axles' own coordinates at the start, each with
     /// the covariance of its error in those at the end. `gyro_shares` are the shares of the time in which the heading
-    /// came from a gyro; `neighbours` are the relative headings of the frames ahead of the front axle and behind the
-    /// rear axle, 0 for a missing frame; `ticks` is the duration of the increments.
+    /// came from a gyro; `unloaded` is the part of the relative heading that does not load the front axle, and the rear
+    /// axle; `ticks` is the duration of the increments.
     pub fn predict(
         &self,
         state: &mut State,
         front: &Estimate,
         rear: &Estimate,
         gyro_shares: [f32; 2],
-        neighbours: [RelativeHeading; 2],
+        unloaded: [RelativeHeading; 2],
         ticks: f32,
     ) {
         let dt = ticks * self.t;
         let [front_share, rear_share] = gyro_shares;
-        let [ahead, behind] = neighbours;
+        let [at_front, at_rear] = unloaded;
         let step = |axle: usize, moved: Posture, gyro_share: f32| IncrementInputs {
             axle,
             moved,
             relative_heading: RelativeHeading(
-                state.loading.0 - if axle == 0 { ahead.0 } else { behind.0 },
+                state.loading.0 - if axle == 0 { at_front.0 } else { at_rear.0 },
             ),
             dt,
             gyro_share,

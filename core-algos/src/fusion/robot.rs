@@ -152,6 +152,15 @@ pub enum PairAxle {
     Rear,
 }
 
+/// Load of an axle by all of its frames, besides that of its pair's frame in pure bending.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Load {
+    /// Part of the pair's relative heading that does not load the axle.
+    pub unloaded: RelativeHeading,
+    /// Force of the frames on the axle, to its left, over EI/L, rad/m.
+    pub aside: f32,
+}
+
 /// Odometry and beam measurement that arrived since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
@@ -162,9 +171,8 @@ pub struct Inputs {
     /// Front axle's posture in the rear axle's coordinates, measured by the beam, with the covariance of
     /// its noise.
     pub beam: Option<Estimate>,
-    /// Relative headings of the neighbouring frames, ahead of the front axle and behind the rear axle, which load
-    /// these axles too; 0 for a missing frame.
-    pub neighbours: [RelativeHeading; 2],
+    /// Loads of the front and the rear axle besides the pair's own pure bending; zero for a robot of two axles.
+    pub loads: [Load; 2],
 }
 
 /// Fused postures after a tick, and what the fusion did with the beam's measurement.
@@ -314,9 +322,9 @@ impl RobotFusion {
         });
         let uneven = state.unevenness.value;
         // The moment of a frame on its front axle is opposite to its moment on its rear axle.
-        let [ahead, behind] = inputs.neighbours.map(|bend| bend.0);
-        let front = self.with_slip(front, RelativeHeading(heading.0 - ahead), uneven);
-        let rear = self.with_slip(rear, RelativeHeading(heading.0 - behind), uneven);
+        let [front_load, rear_load] = &inputs.loads;
+        let front = self.with_slip(front, heading, front_load, uneven);
+        let rear = self.with_slip(rear, heading, rear_load, uneven);
 
         let mut output = Output::default();
         let beam = inputs.beam.filter(|_| complete && self.uses_beam());
@@ -368,7 +376,7 @@ impl RobotFusion {
                     &front.estimate,
                     &rear.estimate,
                     shares,
-                    inputs.neighbours,
+                    inputs.loads.map(|load| load.unloaded),
                     ticks,
                 );
                 if !complete {

@@ -29,7 +29,8 @@
 //! Nothing can fail. Cost of a place: about 300 floating-point operations.
 
 use super::curve::Curve;
-use crate::math::trig::wrap_angle;
+use crate::math::Posture;
+use crate::math::trig::{atan2, wrap_angle};
 
 /// Five Gauss points on [0, 1] and their weights.
 const POINTS: [(f32, f32); 5] = [
@@ -85,6 +86,15 @@ impl Link {
     /// Distance of the axles on a straight curve, m.
     pub fn straight(&self) -> f32 {
         self.length_m + 2.0 * self.rigid_end_m
+    }
+
+    /// Half the moment of the frame on its front axle less half that on its rear axle, over EI/L, rad, with the front
+    /// axle at `relative` from the rear axle. The frame is a cubic with the moments M_front = EI (2α' + 4β')/L and
+    /// M_rear = −EI (4α' + 2β')/L at its flexible ends, and its shear acts on the rigid ends.
+    pub fn uneven_bend(&self, relative: Posture) -> f32 {
+        let chord = atan2(relative.y, relative.x);
+        let longer = self.straight() / self.length_m;
+        3.0 * longer * longer * wrap_angle(relative.phi - 2.0 * chord)
     }
 
     /// ∫φ_frame² ds for the slopes `root` and `tip` of the axles against their chord, m.
@@ -182,6 +192,7 @@ mod tests {
     use super::super::Direction;
     use super::super::curve::Knot;
     use super::*;
+    use crate::math::Wrench;
 
     fn curve(kappa: impl Fn(f32) -> f32) -> Curve {
         let mut curve = Curve::EMPTY;
@@ -291,5 +302,28 @@ mod tests {
         let by_link = f64::from(link.straight() - 0.5 * link.bow(psi as f32, -psi as f32));
         // Fourth order: L ψ⁴/120 + 2 a ψ⁴/24.
         assert!((by_link - chord).abs() < 6e-5, "{by_link} {chord}");
+    }
+
+    /// The wrench of a cubic frame, moments about the axles.
+    #[test]
+    fn uneven_bend_is_that_of_the_cubic_wrench() {
+        for rigid in [0.0, 0.03, 0.1] {
+            let link = Link {
+                length_m: 0.37,
+                rigid_end_m: rigid,
+            };
+            for (y, phi) in [(0.03, 0.0), (-0.02, 0.15), (0.05, 0.3), (0.04, -0.2)] {
+                let relative = Posture::new(link.straight() - 0.005, y, phi);
+                let wrench = Wrench::cubic(link.length_m, link.length_m, rigid, relative);
+                let on_front = -wrench.on_front(relative, rigid).moment;
+                let on_rear = wrench.on_rear(rigid).moment;
+                let uneven = link.uneven_bend(relative);
+                let difference = 0.5 * (on_front - on_rear);
+                let most = 0.03 * difference.abs() + 3e-3;
+                assert!((uneven - difference).abs() < most, "{uneven} {difference}");
+                let mean = 0.5 * (on_front + on_rear);
+                assert!((mean - phi).abs() < 0.12 * phi.abs() + 3e-3, "{mean} {phi}");
+            }
+        }
     }
 }

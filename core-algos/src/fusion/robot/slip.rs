@@ -1,6 +1,6 @@
 //! Odometric increments with the covariance of slip.
 
-use super::{Increment, REFERENCE_TIME_S, REFERENCE_WAY_M, RobotFusion};
+use super::{Increment, Load, REFERENCE_TIME_S, REFERENCE_WAY_M, RobotFusion};
 use crate::fusion::{Estimate, constants};
 use crate::math::RelativeHeading;
 
@@ -17,11 +17,13 @@ pub(super) struct Slipping {
 }
 
 impl RobotFusion {
-    /// The increment with slip and the noise of uneven ground added; a missing increment counts as no motion.
+    /// The increment with slip and the noise of uneven ground added; a missing increment counts as no motion. `bend` is
+    /// the relative heading of the pair.
     pub(super) fn with_slip(
         &self,
         increment: Option<Increment>,
-        RelativeHeading(heading): RelativeHeading,
+        bend: RelativeHeading,
+        load: &Load,
         unevenness: f32,
     ) -> Slipping {
         let Some(increment) = increment else {
@@ -32,6 +34,9 @@ impl RobotFusion {
         let driven = advance.abs();
         let gyro_share = increment.gyro_share.clamp(0.0, 1.0);
         let by_wheels = 1.0 - gyro_share;
+        let heading = bend.0 - load.unloaded.0;
+        let mut posture = increment.posture;
+        posture.y += self.joint.tyres().slip_aside(load.aside) * driven;
         let position = self.position_per_tick * ticks;
         let turning = (self.heading_per_tick + self.creep_per_tick * heading * heading) * ticks;
         let mut covariance = increment.covariance;
@@ -48,7 +53,7 @@ impl RobotFusion {
         let (drift, slip) = (by(constants::DRIFT), by(constants::COMPLIANCE) * heading);
         let bias = self.constants[constants::GYRO_BIAS] * gyro_share;
         Slipping {
-            estimate: Estimate::new(increment.posture, covariance),
+            estimate: Estimate::new(posture, covariance),
             heading_variance: covariance[2][2]
                 + (drift * drift + slip * slip) * driven * REFERENCE_WAY_M
                 + bias * bias * ticks * self.period * REFERENCE_TIME_S,

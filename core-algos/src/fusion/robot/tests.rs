@@ -286,7 +286,12 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
             gyro_share,
             ..Increment::new(Posture::new(x, 0.01, 0.2), given)
         };
-        let found = fusion.with_slip(Some(increment), RelativeHeading(heading), 0.0);
+        let found = fusion.with_slip(
+            Some(increment),
+            RelativeHeading(heading),
+            &Load::default(),
+            0.0,
+        );
         let (distance, bend) = (f64::from(x.abs()), square(heading));
         let time = f64::from(ticks) * f64::from(config.period_s);
         let gyro = f64::from(gyro_share.clamp(0.0, 1.0));
@@ -314,6 +319,25 @@ fn slip_adds_variance_with_distance_time_and_relative_heading() {
     }
 }
 
+/// Tyres with the slip stiffness C hold a lateral force F on an axle of the weight mg at the slip angle F/(mgC).
+#[test]
+fn axle_slips_aside_under_a_lateral_force() {
+    let config = Config::default();
+    let (joint, fusion) = (config.joint, config.build().unwrap());
+    let (force_n, weight_n) = (3.0, joint.axle_mass_kg * 9.81);
+    let load = Load {
+        aside: force_n / joint.frame_moment_n_m,
+        ..Load::default()
+    };
+    for x in [0.4f32, -0.4] {
+        let increment = Increment::new(Posture::new(x, 0.01, 0.0), [[0.0; 3]; 3]);
+        let found = fusion.with_slip(Some(increment), RelativeHeading(0.3), &load, 0.0);
+        let expected = 0.01 + 0.4 * force_n / (weight_n * joint.slip_stiffness);
+        let y = found.estimate.posture.y;
+        assert!((y - expected).abs() < 1e-6, "{y} {expected}");
+    }
+}
+
 /// A neighbouring frame that is bent like this one takes the load from the axle between them; one bent the other way
 /// doubles it, and with it the slip.
 #[test]
@@ -321,12 +345,15 @@ fn load_of_an_axle_is_the_difference_of_its_frames() {
     let fusion = slipping(Mode::Joint).build().unwrap();
     let bent = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.4), BEAM_SIGMAS);
     let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
-    let variances = |neighbours: [f32; 2]| {
+    let variances = |unloaded: [f32; 2]| {
         let mut state = fusion.start(&robot, &bent, 0.015);
         let mut output = Output::default();
         for _ in 0..50 {
             let inputs = Inputs {
-                neighbours: neighbours.map(RelativeHeading),
+                loads: unloaded.map(|bend| Load {
+                    unloaded: RelativeHeading(bend),
+                    ..Load::default()
+                }),
                 ..inputs(forward(), None)
             };
             output = fusion.step(&mut state, &inputs);
@@ -424,7 +451,8 @@ fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
         disturbances.push(Disturbance::Steady(load));
     }
     for (step, axle) in (0..2 * STEPS).map(|n| (n / 2, n % 2)) {
-        let slipped = fusion.with_slip(Some(increments[axle]), RelativeHeading(shape.phi), 0.0);
+        let bend = RelativeHeading(shape.phi);
+        let slipped = fusion.with_slip(Some(increments[axle]), bend, &Load::default(), 0.0);
         for column in columns(&slipped.estimate.covariance) {
             disturbances.push(Disturbance::Noise(step, axle, column));
         }

@@ -4,14 +4,14 @@
 //! the step: [`LeadNode::fuse_ahead`] fuses one pair a tick.
 
 use super::fused::Fused;
-use super::pair::{Pair, PairReports, neighbours};
+use super::pair::{Bend, Pair, PairReports, neighbours};
 use super::track::{Advance, AxleReport, AxleTrack, EPOCHS, SETTLING};
 use super::{LeadNode, Own};
 use crate::bus::{Message, layout};
 use crate::fusion::estimator::EstimatorOutput;
 use crate::fusion::{Estimate, robot};
 use crate::math::trig::sin_cos;
-use crate::math::{Posture, RelativeHeading, Twist};
+use crate::math::{Posture, Twist};
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
 use crate::topology::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES};
 
@@ -29,8 +29,8 @@ pub(super) struct Fusing {
     restarted: [bool; MAX_AXLES],
     /// Measurements of the frames.
     beams: [Option<Stamped<Estimate>>; MAX_FRAMES],
-    /// Relative headings of the axles of each pair at the epoch before.
-    bends: [RelativeHeading; MAX_FRAMES],
+    /// Bends of the frames at the epoch before.
+    bends: [Bend; MAX_FRAMES],
     /// Outputs of the pairs.
     pairs: [robot::Output; MAX_FRAMES],
     /// Number of pairs that are fused.
@@ -46,7 +46,7 @@ impl Default for Fusing {
             motion: [Advance::Unknown; MAX_AXLES],
             restarted: [false; MAX_AXLES],
             beams: [None; MAX_FRAMES],
-            bends: [RelativeHeading::default(); MAX_FRAMES],
+            bends: [Bend::NONE; MAX_FRAMES],
             pairs: [robot::Output::default(); MAX_FRAMES],
             count: 0,
             anchors: [Posture::ORIGIN; MAX_FRAMES],
@@ -200,15 +200,21 @@ impl LeadNode {
         };
         let bend = |frame: Option<usize>| {
             let bend = frame.and_then(|frame| fusing.bends.get(frame));
-            bend.copied().unwrap_or_default()
+            bend.unwrap_or(&Bend::NONE)
         };
+        let [ahead, behind] = [k.checked_sub(1), k.checked_add(1)].map(bend);
         let reports = PairReports {
             motion,
             restarted: restarted.map(|it| *it),
             beam,
-            bends: [bend(k.checked_sub(1)), bend(k.checked_add(1))],
+            loads: bend(Some(k)).loads(ahead, behind),
         };
         *output = pair.step(&self.with.fusion, now, &reports, own);
+        // The frame of a single pair is in pure bending.
+        if let Some(train) = &self.with.train {
+            let relative = output.front.posture.relative_to(output.rear.posture);
+            pair.bend = Bend::new(train.frame(), relative);
+        }
     }
 
     /// Fuses one pair ahead of the next step. To be called at the ticks from the lead

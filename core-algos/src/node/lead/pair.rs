@@ -5,10 +5,11 @@
 
 use super::track::{Advance, AxleTrack, Recent};
 use super::{NIS_MOST, NIS_SHARE, Own};
+use crate::control::train::spacing::Link;
 use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
 use crate::fusion::estimator::EstimatorOutput;
-use crate::fusion::robot::{self, PairAxle, RobotFusion};
+use crate::fusion::robot::{self, Load, PairAxle, RobotFusion};
 use crate::math::matrix::{Mat3, propagate};
 use crate::math::trig::{sin_cos, wrap_angle};
 use crate::math::{Posture, RelativeHeading, Wrench};
@@ -20,6 +21,52 @@ const BEAM_EPOCHS: Micros = 3;
 /// The two axles of each pair of neighbouring axles, front first, from a list of all axles.
 pub(super) fn neighbours<T>(axles: &[T]) -> impl Iterator<Item = [&T; 2]> {
     axles.array_windows().map(|[front, rear]| [front, rear])
+}
+
+/// Bend of a frame: its moments on the axles over EI/L, rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bend {
+    /// Mean of both moments: the relative heading of the axles.
+    pub(super) mean: f32,
+    /// Half the moment on the front axle less half that on the rear axle.
+    pub(super) uneven: f32,
+    /// Force on the front axle, to its left, over EI/L, rad/m; that on the rear axle is opposite.
+    pub(super) shear: f32,
+}
+
+impl Bend {
+    /// A straight frame, or none.
+    pub(super) const NONE: Self = Self {
+        mean: 0.0,
+        uneven: 0.0,
+        shear: 0.0,
+    };
+
+    /// Bend of a frame whose front axle is at `relative` from its rear axle.
+    pub(super) fn new(frame: &Link, relative: Posture) -> Self {
+        let uneven = frame.uneven_bend(relative);
+        Self {
+            mean: relative.phi,
+            uneven,
+            // Balance of the moments about an axle.
+            shear: 2.0 * uneven / frame.straight(),
+        }
+    }
+
+    /// Loads of the front and the rear axle besides pure bending of this frame, with the frames ahead and behind.
+    pub(super) fn loads(&self, ahead: &Self, behind: &Self) -> [Load; 2] {
+        // The moment of a frame on its front axle is opposite to its moment on its rear axle.
+        [
+            Load {
+                unloaded: RelativeHeading(ahead.mean - ahead.uneven - self.uneven),
+                aside: self.shear - ahead.shear,
+            },
+            Load {
+                unloaded: RelativeHeading(behind.mean + behind.uneven + self.uneven),
+                aside: behind.shear - self.shear,
+            },
+        ]
+    }
 }
 
 /// Beam messages and fused estimate of a pair of neighbouring axles.
@@ -39,8 +86,8 @@ pub(super) struct Pair {
     pub(super) nis: f32,
     /// Latest wrench of the frame.
     pub(super) wrench: Option<Stamped<Wrench>>,
-    /// Relative heading of the axles at the latest estimate.
-    pub(super) bend: RelativeHeading,
+    /// Bend of the frame at the latest estimate.
+    pub(super) bend: Bend,
     /// Midpoint of the pair at the latest estimate; `None` before it.
     pub(super) middle: Option<Posture>,
     /// Correction of the midpoint by the latest estimate: the change that odometry did not report (m, m, rad).
@@ -57,7 +104,7 @@ impl Pair {
         fusion: None,
         nis: 0.0,
         wrench: None,
-        bend: RelativeHeading(0.0),
+        bend: Bend::NONE,
         middle: None,
         corrected: [0.0; 3],
     };
@@ -116,7 +163,7 @@ impl Pair {
             motion: [front, rear],
             restarted,
             beam,
-            bends,
+            loads,
         } = reports;
         let Some(fusion) = &mut self.fusion else {
             return robot::Output::default();
@@ -132,7 +179,7 @@ impl Pair {
             rear: rear.increment(front),
             // The frame may have bent by more than an update of the estimate can follow.
             beam: beam.map(|beam| beam.value).filter(|_| !lost),
-            neighbours: bends,
+            loads,
         };
         if let Some(beam) = beam {
             self.used = Some(Stamped::new(now, beam.time));
@@ -152,7 +199,6 @@ impl Pair {
         let [x, y, turn] = middle.minus(self.middle.unwrap_or(middle));
         self.corrected = [x - moved.x, y - moved.y, wrap_angle(turn - moved.phi)];
         self.middle = Some(middle);
-        self.bend = output.relative_heading();
         let Some(estimator) = own.estimator.as_deref_mut() else {
             return output;
         };
@@ -176,8 +222,8 @@ pub(super) struct PairReports<'a> {
     pub(super) restarted: [bool; 2],
     /// Measurement of the frame.
     pub(super) beam: Option<Stamped<Estimate>>,
-    /// Relative headings of the frames ahead of the pair and behind it; 0 for a missing frame.
-    pub(super) bends: [RelativeHeading; 2],
+    /// Loads of the front and the rear axle besides pure bending of their frame.
+    pub(super) loads: [Load; 2],
 }
 
 #[cfg(test)]
@@ -197,6 +243,40 @@ mod tests {
             measured.is_some_and(|measured| measured.covariance == covariance)
         });
         ages.collect()
+    }
+
+    /// The sums of the wrenches of the frames on both sides of an axle.
+    #[test]
+    fn loads_of_a_pair_are_those_of_the_frames_on_its_axles() {
+        let frame = Link {
+            length_m: 0.37,
+            rigid_end_m: 0.02,
+        };
+        let shapes = [(0.03, 0.1), (-0.02, -0.25), (0.04, 0.3)];
+        let shapes = shapes.map(|(y, phi)| Posture::new(0.405, y, phi));
+        let bends = shapes.map(|shape| Bend::new(&frame, shape));
+        let wrenches = shapes.map(|shape| Wrench::cubic(0.37, 0.37, 0.02, shape));
+        let on_front = |k: usize| wrenches[k].on_front(shapes[k], 0.02);
+        let on_rear = |k: usize| wrenches[k].on_rear(0.02);
+        let [ahead, own, behind] = bends;
+        let front = on_front(1).plus(on_rear(0));
+        let rear = on_rear(1).plus(on_front(2));
+        let loads = own.loads(&ahead, &behind);
+        for (load, wrench, sign) in [(loads[0], front, -1.0), (loads[1], rear, 1.0)] {
+            let turning = sign * (own.mean - load.unloaded.0);
+            let [a, b] = [turning, wrench.moment];
+            assert!((a - b).abs() < 0.05 * b.abs(), "{a} {b}");
+            let [a, b] = [load.aside, wrench.lateral];
+            assert!((a - b).abs() < 0.1 * b.abs(), "{a} {b}");
+        }
+        // On a circle the frames of an inner axle cancel, and no axle is pushed aside.
+        let arc = Bend::new(&frame, Posture::new(0.40, 0.4 * 0.1f32.tan(), 0.2));
+        let [front, rear] = arc.loads(&arc, &Bend::NONE);
+        assert!((front.unloaded.0 - arc.mean).abs() < 1e-6, "{front:?}");
+        assert!(
+            front.aside.abs() < 1e-5 && rear.aside.abs() < 1e-5,
+            "{rear:?}"
+        );
     }
 
     /// A covariance every fifth epoch serves nine more, so that one may be lost; each epoch's own serves that epoch.
