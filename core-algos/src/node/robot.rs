@@ -12,13 +12,13 @@ use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
-use crate::topology::{AxleId, FrameId, Topology};
+use crate::topology::{AxleId, FrameId, MAX_AXLES, Topology};
 
 declare! {
     /// Dimensions and stiffness of the robot as configured.
     pub struct Geometry {
         /// Number of axles. A frame joins each two neighbouring axles.
-        pub axles: u32 = 2, "": Range(2.0, 5.0);
+        pub axles: u32 = 2, "": Range(2.0, MAX_AXLES as f32);
         /// Flexible length of the frame (the paper's L).
         pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
         /// Rigid length between each end of the flexible part and the nearer axle.

@@ -7,6 +7,7 @@ use super::spacing::Link;
 use super::speed::Limits;
 use super::turn::Turns;
 use crate::config::{ConfigError, declare};
+use crate::topology::MAX_AXLES;
 
 /// Knots of the curve for each frame.
 const FRAME_PITCHES: f32 = 40.0;
@@ -40,7 +41,7 @@ declare! {
         pub trajectory_gain_per_s: f32 = 1.5, "1/s": Range(0.0, 10.0);
         derived {
             /// Number of axles.
-            pub axles: u8 = 3, "": Range(2.0, 5.0);
+            pub axles: u8 = 3, "": Range(2.0, MAX_AXLES as f32);
             /// Length of the flexible part of a frame (L).
             pub frame_length_m: f32 = 0.37, "m": Positive;
             /// Length of the rigid section between each end of the flexible part and its axle.

@@ -197,14 +197,10 @@ impl Train {
         match self.planner.step(search, robot, left) {
             Progress::Working => {}
             Progress::Found(plan) => {
-                task.search = None;
                 task.plan = Some(plan);
                 task.enter(Phase::Stop);
             }
-            Progress::Impossible => {
-                task.search = None;
-                self.renew(task);
-            }
+            Progress::Impossible => self.renew(task),
         }
     }
 
