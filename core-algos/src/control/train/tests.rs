@@ -285,6 +285,35 @@ fn robot_gives_up_after_the_last_attempt() {
     }
 }
 
+/// A new curve cannot pass all axles with their headings: the references begin at the axles, and come to the curve.
+#[test]
+fn what_is_left_between_the_axles_and_a_new_curve_fades_with_the_way() {
+    let (train, mut state) = (train(3), State::NEW);
+    let mut postures = straight(3);
+    postures[1] = Posture::new(-0.368, 0.01, -0.08);
+    let mut last = 1.0;
+    for epoch in 0..800 {
+        let task = Order::Drive {
+            speed_m_s: 0.2,
+            curvature: 0.0,
+        };
+        let step = train.step(&mut state, &postures, task);
+        if state.rebuild.is_some() {
+            continue;
+        }
+        let at = state.curve.at(state.places[1]).knot.posture;
+        let [_, _, turn] = train.reference_posture(&state, 1).minus(at);
+        if state.driven == 0.0 {
+            let [_, _, first] = postures[1].minus(at);
+            assert!((turn - first).abs() < 1e-4 && turn.abs() > 5e-4, "{turn}");
+        }
+        assert!(turn.abs() <= last, "{epoch}: {turn} {last}");
+        last = turn.abs();
+        postures = ideal(&step);
+    }
+    assert!(state.driven > train.config.fade_length_m && last < 1e-6);
+}
+
 /// A bent chain is estimated beside its places: ahead at one end, behind at the other. No axle pushes another, since the
 /// frames keep the distances, and the robot drives on.
 #[test]
